@@ -23,8 +23,8 @@ help: ## show this list
 play: $(ready) ## see what it does: the shipped example, before and after
 	$(python) -m counterlight example --folder calib_data/example
 
-test: system-test lint ## everything that must hold
-	$(python) -m pytest -n $(WORKERS) --dist loadfile
+test: system-test $(ready) ## everything that must hold
+	$(python) -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: $(ready) ## style and types
 	$(python) -m ruff check .

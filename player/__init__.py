@@ -1,13 +1,12 @@
-"""Light transport measured or simulated, inverted, and played through: `import counterlight as cl` (docs/api.md).
+"""Measures or simulates light transport, and plays through its inverse: `import counterlight as cl` (docs/api.md).
 
-This folder is what runs once per frame: the player and the files it reads. tools/ is counterlight.tools.
-files/ reads whatever comes from outside, writing/ is how anything gets onto the disk; maps/ is the matrix format.
-media/ is how pictures and sound come in, pipeline/ what a frame goes through, gl/ that on a GPU, overlay/ what is
-drawn over it; show/ is the loop in a window, and what renders into files; jobs/ is who works on parts of a whole,
-unattended/ what watches over a show. Beside them: calibration.py, the room's folder; response.py; command.py;
-errors.py. Which room may know which is in tests/test_house.py.
-May import numpy, OpenEXR, cv2 and PyAV; never `counterlight.tools` (but for the names below, when somebody asks for
-them), never scipy. Only `counterlight.gl` touches moderngl and glfw.
+This folder runs once per frame: the player and the files that it reads. tools/ is counterlight.tools. files/ reads all
+files, writing/ writes them, and maps/ is the matrix format. media/ reads pictures and sound, pipeline/ computes a
+frame, gl/ does so on a GPU, and overlay/ draws over the picture. show/ is the loop in a window, and the rendering into
+files. jobs/ runs parts of a task in parallel, unattended/ supervises a show. Here are also calibration.py (the
+calibration folder), response.py, command.py and errors.py. tests/test_house.py checks the imports between folders.
+May import numpy, OpenEXR, cv2 and PyAV, never scipy. May not import `counterlight.tools`, except for the names below
+when they are used. Only `counterlight.gl` imports moderngl and glfw.
 Read next: maps/row_map.py (the contract), pipeline/reference.py (the mathematics), app.py (the command).
 """
 
@@ -44,7 +43,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Imports what a public name needs when it is first used."""
+    """Import the module of a public name when the name is first used."""
     if name == "__version__":
         from importlib.metadata import version
 

@@ -1,4 +1,4 @@
-"""python -m counterlight: the command with its verbs, wherever its script is not on the path."""
+"""python -m counterlight: the command with its verbs, for systems where its script is not on the path."""
 
 import sys
 

@@ -103,7 +103,7 @@ def _show(options: argparse.Namespace) -> None:
 
 
 def _check_outputs(options: argparse.Namespace) -> None:
-    """InputError, before anything is read or shown, for outputs that cannot be written or would overwrite an input."""
+    """Raise InputError, before anything is read, for outputs that are unwritable or would overwrite an input."""
     heartbeat = None if options.heartbeat in (None, "-") else Path(options.heartbeat)
     check_apart(options.output, options.stats, heartbeat, options.control)
     if options.output is options.stats is heartbeat is None:
@@ -131,7 +131,7 @@ def _room_told(options: argparse.Namespace) -> Room:
 
 @contextmanager
 def _attached(options: argparse.Namespace) -> Iterator[tuple[list[Remote], Heartbeat, Callable[[], None]]]:
-    """Who commands the show from elsewhere, who is told how it goes, and what tells both that it is over."""
+    """Yield the remotes, the heartbeat, and a function that tells both that the show has ended."""
     with ExitStack() as stack:
         heartbeat = Heartbeat(options.heartbeat, Notifier(os.environ.get("NOTIFY_SOCKET")))
         stack.callback(heartbeat.close)
@@ -154,9 +154,11 @@ def play_in_window(
     heartbeat: Heartbeat | None = None,
     farewell: Callable[[], None] = lambda: None,
 ) -> Stats:
-    """Play in a window until it ends; remotes may command the session, the heartbeat is told how it goes.
+    """Play in a window until the show ends.
 
-    farewell : what is done if the screen goes, which ends the process.
+    remotes : may command the session.
+    heartbeat : receives the facts of the show.
+    farewell : called if the screen is lost, which ends the process.
     """
     from counterlight.gl import lost_screen
     from counterlight.gl.renderer import WindowRenderer
@@ -165,7 +167,7 @@ def play_in_window(
         window = stack.enter_context(_display(options, room))
         stack.enter_context(lost_screen.farewell(farewell))
         session = _session(options, room, adjustments, window, stack, commanded=bool(remotes))
-        del room  # a reload shall free it
+        del room  # a reload must be able to free it
 
         def shown() -> Any:
             assert isinstance(session.renderer, WindowRenderer)
@@ -200,13 +202,13 @@ def _check_window(options: argparse.Namespace) -> None:
 
 
 def _monitors(options: argparse.Namespace, projectors: Sequence[Device]) -> list[str]:
-    """Name or number of each projector's monitor."""
+    """Return the name or number of each projector's monitor."""
     names = [projector.monitor or str(number) for number, projector in enumerate(projectors)]
     return monitors_of(options) or names
 
 
 def _monitors_of_room(options: argparse.Namespace) -> list[str]:
-    """The same for a room that is not read; those that are named if it cannot be read, which the player will say."""
+    """Return the monitors without reading the whole room. If the room cannot be read, return the named monitors."""
     try:
         return _monitors(options, () if options.calibration is None else read_projectors(options.calibration))
     except InputError:
@@ -214,7 +216,7 @@ def _monitors_of_room(options: argparse.Namespace) -> list[str]:
 
 
 def _display(options: argparse.Namespace, room: Room) -> AbstractContextManager["Window | Displays"]:
-    """A window for each projector."""
+    """Open a window per projector."""
     from counterlight.gl.displays import open_display
 
     return open_display(
@@ -230,7 +232,7 @@ def _display(options: argparse.Namespace, room: Room) -> AbstractContextManager[
 
 
 def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "Callable[[Room], Renderer]":
-    """What draws in a window: OpenGL on a GPU, where it is asked for or codes have ten bits, else the processor."""
+    """Return the factory of renderers: OpenGL on a GPU, on request, or for 10-bit codes; otherwise the processor."""
     from counterlight.gl.context import in_software
 
     chosen = options.backend
@@ -238,13 +240,26 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
         drawn = options.path is not None or window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
         chosen = "gl" if drawn else "cpu"
     if chosen == "cpu":
-        compile_passes()
+        with _without_blas():
+            compile_passes()
         from counterlight.gl.computed import ComputedRenderer
 
         return partial(ComputedRenderer, window.context)
     from counterlight.gl.renderer import GlRenderer
 
     return lambda room: GlRenderer(window.context, room, options.path or "auto", window.bits)
+
+
+@contextmanager
+def _without_blas() -> Iterator[None]:
+    """Keep Numba from looking for a BLAS, which no pass needs: it would import scipy.linalg, a seventh of a start."""
+    absent = {name: None for name in ("scipy.linalg", "scipy.linalg.cython_blas") if name not in sys.modules}
+    sys.modules.update(absent)  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        for name in absent:
+            del sys.modules[name]
 
 
 def _session(
@@ -256,14 +271,17 @@ def _session(
     *,
     commanded: bool,
 ) -> Session:
-    """On the window; the sound's device is on the stack.  commanded : whether a remote may go on with it."""
+    """Return a session in the window. The stack closes the sound device.
+
+    commanded : whether a remote may continue the show.
+    """
     made = _renderer_for(options, window)
     audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
     if audio is not None:
         stack.callback(audio.close)
 
     def renewed(fresh: Room) -> Renderer:
-        """A renderer of the room as it is now; the window takes its shader anew if nothing is damaged."""
+        """Return a renderer of the reloaded room. The window reloads its shader if everything is intact."""
         renderer = made(fresh)
         try:
             window.reload()

@@ -1,4 +1,4 @@
-"""What arrays hold, for annotations, and how objects that hold arrays are printed; shapes are in the docstrings."""
+"""Array types for annotations, and short printing of objects that hold arrays. Shapes are in the docstrings."""
 
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeAlias
@@ -14,7 +14,7 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 
 
 def brief(self: Any) -> str:
-    """One line for a dataclass of arrays: their types and shapes instead of their numbers. For use as `__repr__`."""
+    """Return one line for a dataclass of arrays, with their types and shapes. For use as `__repr__`."""
     values = ((field.name, getattr(self, field.name)) for field in fields(self) if field.repr)
     return f"{type(self).__name__}({', '.join(f'{name}={_brief(value)}' for name, value in values)})"
 

@@ -1,8 +1,9 @@
-"""A calibration folder: one room (calibration.toml, transport_*.npz, ambient.exr, mask.png, and floodlights of the
-primaries if they were measured; of several cameras, the screen that they share).
+"""Reads and writes a calibration folder, which holds one room.
 
-The folder's metadata, ambient picture and mask are read here; the transport matrices by tools/transport. Every file is
-listed in calibration.toml with its size and SHA-256 and is refused if it differs.
+The folder holds calibration.toml, transport_*.npz, ambient.exr and mask.png. It may also hold floodlights of the
+primaries, and the screen that several cameras share. This module reads the metadata, the ambient picture and the mask;
+tools/transport reads the transport matrices. calibration.toml lists every file with its size and SHA-256, and a file
+that differs is refused.
 """
 
 import hashlib
@@ -40,10 +41,11 @@ LIGHT = "transport_*.npz", "far_light.npz", "blurred_light.npz"
 VIEWS = viewpoints.TOML, viewpoints.FOLDER
 PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, "correction", "placement.toml", "drift", *VIEWS)
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
-GREY, LEAST_COLOUR = 1e-3, 1e-3  # a row's sum, as text rounds it; the volume that primaries span beside their own
-# White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
+# tolerance of a row's sum, as text rounds it; least determinant of `colour`, which must be invertible
+GREY, LEAST_COLOUR = 1e-3, 1e-3
+# Limits of white and light, in any unit. Between them, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
-GAIN = (1e-6, 1e6)  # of one camera's light beside another's
+GAIN = (1e-6, 1e6)  # limits of one camera's light relative to another camera's
 REBUILD = (
     "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
 )
@@ -53,9 +55,10 @@ REBUILD = (
 class Device(Raster):
     """A projector or a camera: its size in pixels and, for a projector, its response.
 
-    monitor : name of the monitor that the projector is, if that is known.  colour : its drive of its own primaries for
-    one of those that all projectors of a raster share, (3, 3) ≥ 0, rows of sum 1, so that grey stays grey; None if they
-    are its own.
+    response : code value -> light, of a projector.
+    monitor : name of the projector's monitor, if it is known.
+    colour : (3, 3), ≥ 0, rows of sum 1, so that grey stays grey. Converts a drive of the primaries that all projectors
+        of a raster share into a drive of the projector's own primaries. None if its own primaries are used.
     """
 
     response: Response
@@ -77,15 +80,17 @@ class Device(Raster):
 
 @dataclass(frozen=True)
 class Calibration:
-    """One room as seen by one camera, or by several whose pictures stand below each other.
+    """One room as seen by one camera, or by several cameras whose pictures stand below each other.
 
-    camera : what T's rows and the maps are made for: the camera, or the raster of several (counterlight.screen).
+    name : name of the room.
+    provenance : how the calibration was made.
     projectors : one or more; several stand side by side in one raster, in this order from the left.
-    ambient : (camera height, camera width, 3) float32, radiance with the projector at black.
-    mask : (camera height, camera width) bool, the camera pixels that count.
-    primaries : (3, camera height, camera width, 3) float32, radiance above ambient with red, green or blue alone at
-    full drive, what the camera's channels see of each (thesis eq. 4.1); None if that was not measured.
-    screen : what several cameras share; None for one.
+    camera : output of T and source of the maps: the camera, or the raster of several (counterlight.screen).
+    ambient : (camera height, camera width, 3) float32. Radiance with the projector at black.
+    mask : (camera height, camera width) bool. The camera pixels that constrain a solution.
+    primaries : (3, camera height, camera width, 3) float32. Radiance above ambient with only red, green or blue at full
+        drive, as each camera channel sees it (thesis eq. 4.1). None if it was not measured.
+    screen : shared by several cameras; None for one camera.
     """
 
     name: str
@@ -105,7 +110,7 @@ class Calibration:
                 f"{len(self.projectors)} projectors, a name of {len(self.name)} characters: expected at most "
                 f"{MOST_PROJECTORS} and {LONGEST_TEXT}"
             )
-        _ = self.projector  # its size is checked
+        _ = self.projector  # checks its size
         if self.screen is not None and raster_of(self.screen.cameras) != self.camera.shape:
             raise InputError(f"a screen of cameras {self.screen.cameras} for a raster of {self.camera.shape}")
         fix = "subtract less darkness, or give light in another unit"
@@ -115,9 +120,9 @@ class Calibration:
 
     @property
     def projector(self) -> Raster:
-        """What T's columns and the maps are made for: the projector, or the raster of several (docs/displays.md).
+        """The source of T: the projector, or the raster of several projectors (docs/displays.md).
 
-        Below lower projectors it has pixels that light nothing.
+        The raster has pixels below smaller projectors that light nothing.
         """
         if len(self.projectors) == 1:
             return self.projectors[0]
@@ -125,7 +130,7 @@ class Calibration:
 
     @property
     def response(self) -> RasterResponse:
-        """Of the raster, each projector's in its own columns."""
+        """Response of the raster, with each projector's response in its own columns."""
         each = self.projectors
         return RasterResponse(tuple(p.response for p in each), self.regions, tuple(p.colour for p in each))
 
@@ -136,7 +141,7 @@ class Calibration:
 
     @property
     def gains(self) -> NDArray[np.float64]:
-        """What each camera's light was multiplied with when they came together, (cameras, 3)."""
+        """Factor that each camera's light was multiplied by when the cameras were joined, (cameras, 3)."""
         gains = None if self.screen is None else self.screen.gains
         return np.ones((len(self.cameras), 3)) if gains is None else gains
 
@@ -146,25 +151,31 @@ class Calibration:
         return parts_of(self.cameras)
 
     def pixels_of(self, number: int) -> NDArray[np.bool_]:
-        """Which of the raster's pixels are of one camera, from 0: (camera height, camera width)."""
+        """Return which pixels of the raster belong to camera `number`, from 0: (camera height, camera width) bool."""
         pixels = np.zeros(self.camera.shape, np.bool_)
         pixels[self.views[number]] = True
         return pixels
 
     @property
     def placed_on(self) -> tuple[int, int]:
-        """(height, width) of what a picture is placed on: the camera's view, or the screen of several."""
+        """(height, width) of the area that holds the picture: the camera's view, or the screen of several cameras."""
         return self.camera.shape if self.screen is None else self.screen.shape
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """Where each projector's picture is in the raster."""
+        """Region of each projector's picture in the raster."""
         return side_by_side([each.shape for each in self.projectors])[1]
 
 
 @dataclass(frozen=True)
 class StoredCalibration:
-    """A calibration, the folder it came from, and what identifies it: the SHA-256 of its calibration.toml."""
+    """A calibration, its folder, and its identity.
+
+    folder : folder of the calibration.
+    calibration : the calibration in it.
+    fingerprint : SHA-256 of calibration.toml.
+    files : checked access to the folder's files.
+    """
 
     folder: Path
     calibration: Calibration
@@ -173,7 +184,7 @@ class StoredCalibration:
 
     @contextmanager
     def opened(self, name: str) -> Iterator[BufferedReader]:
-        """One of the folder's files, its checksum compared."""
+        """Yield one of the folder's files, after checking its checksum."""
         try:
             with self.files.opened(self.folder / name) as file:
                 yield file
@@ -182,18 +193,22 @@ class StoredCalibration:
             raise
 
     def refuse_replaced(self) -> None:
-        """InputError if the folder holds another calibration now: files read since would be of that."""
+        """Raise InputError if the folder has been replaced. Files read since then belong to the new calibration."""
         if sha256_of(self.folder / TOML) != self.fingerprint:
             raise InputError(f"{self.folder}: was replaced while it was read; run the command again")
 
 
 @contextmanager
 def replacing(folder: Path, *, force: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Path]:
-    """Hold the name `folder` for a calibration, before the long work; yields a stage for its files, `write`'s last.
+    """Lock the name `folder` for a calibration, and yield a stage for its files. Call this before the long work.
 
-    When done, the whole folder appears at once. inputs : what the command reads.
-    Raises InputError if `folder` exists already, unless `force` is set and it is a calibration (or empty), if it holds
-    an input or what is no part of a calibration, and if another process is writing it.
+    The whole folder appears at once at the end. Call `write` last.
+    Raises InputError if `folder` exists, unless `force` is set and it is a calibration (or empty). Also raises it if
+    the folder holds an input or a foreign file, or if another process is writing it.
+
+    folder : the calibration folder to write.
+    force : whether an existing calibration may be replaced.
+    inputs : paths that the command reads.
     """
     check_folder(folder, inputs=inputs)
     with replacing_folder(folder, lambda path: refuse_existing(path, force=force)) as stage:
@@ -202,14 +217,14 @@ def replacing(folder: Path, *, force: bool = False, inputs: Iterable[Path] = ())
 
 @contextmanager
 def writing(folder: Path, calibration: Calibration, *, force: bool = False) -> Iterator[Path]:
-    """`replacing` where the calibration is at hand: yields a stage to put further files (the transport) into."""
+    """Yield a stage for further files (the transport), then write `calibration`. See `replacing`."""
     with replacing(folder, force=force) as stage:
         yield stage
         write(calibration, stage)
 
 
 def write(calibration: Calibration, stage: Path) -> None:
-    """Write a calibration beside its transport, which must be there already: calibration.toml lists all files."""
+    """Write a calibration to a stage that already holds its transport. calibration.toml lists all files."""
     exr.write_rgb(stage / AMBIENT, calibration.ambient)
     write_png(stage / MASK, calibration.mask.astype(np.uint8) * 255)
     if calibration.primaries is not None:
@@ -221,7 +236,7 @@ def write(calibration: Calibration, stage: Path) -> None:
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
-    """InputError if writing a calibration to `folder` would lose something; commands ask before the long work."""
+    """Raise InputError if writing a calibration to `folder` would lose data. Call this before the long work."""
     if is_vacant(folder):
         return
     if not (folder / TOML).is_file() and not viewpoints.is_set(folder):
@@ -232,15 +247,15 @@ def refuse_existing(folder: Path, *, force: bool) -> None:
 
 
 def read(folder: Path) -> StoredCalibration:
-    """Open a calibration folder; InputError for anything missing, damaged, or of another format.
+    """Read a calibration folder. Raises InputError for missing or damaged files or another format.
 
-    All of it is of one generation, even if another process replaces the folder meanwhile.
+    All data is of one generation, even if another process replaces the folder meanwhile.
     """
     return read_steadily(folder / TOML, lambda: _read(folder))
 
 
 def _read(folder: Path) -> StoredCalibration:
-    with suppress(OSError):  # what may not be looked at is told of its file
+    with suppress(OSError):  # an inaccessible folder is reported with its file
         if not folder.is_dir():
             found = "a file, expected a calibration folder" if folder.exists() else "no such folder"
             raise InputError(f"{folder}: {found}; {REBUILD}")
@@ -265,7 +280,7 @@ def _read(folder: Path) -> StoredCalibration:
 
 
 def read_projectors(folder: Path) -> tuple[Device, ...]:
-    """The projectors of a calibration, or of a set of views, without the pictures; InputError for what is damaged."""
+    """Read the projectors of a calibration or a set of views, without the pictures. Raises InputError for damage."""
     path = (folder / viewpoints.FOLDER / "1" if viewpoints.is_set(folder) else folder) / TOML
     table = Table(parse_toml(read_bytes(path, MAX_TOML_BYTES, REBUILD), path, REBUILD), f"{path}", REBUILD)
     return _read_projectors(table)
@@ -276,14 +291,14 @@ def _read_projectors(table: Table) -> tuple[Device, ...]:
 
 
 def check_order(room: Path, others: Iterable[Path | str | None]) -> None:
-    """InputError if what should be a calibration folder is none, and another argument is one."""
+    """Raise InputError if `room` is no calibration folder but another argument is."""
     swapped = next((other for other in others if other is not None and (Path(other) / TOML).is_file()), None)
     if swapped is not None and not (room / TOML).exists() and not viewpoints.is_set(room):
         raise InputError(f"{room}: no calibration folder, but {swapped} is one; name the room first")
 
 
 def read_mask_picture(path: Path, camera: Device) -> NDArray[np.bool_]:
-    """A grey picture of camera size, white where a camera pixel counts (value ≥ 128)."""
+    """Read a grey picture of the camera's size. White pixels (value ≥ 128) belong to the mask."""
     return _mask_of(path, camera)
 
 
@@ -308,7 +323,7 @@ def _cameras_to_toml(calibration: Calibration) -> dict[str, Any]:
 
 
 def _read_cameras(table: Table, files: DescribedFiles) -> tuple[Device, Screen | None]:
-    """The camera, or the raster of several and their screen."""
+    """Return the camera, or the raster of several cameras and their screen."""
     if "cameras" not in table:
         return _read_device(table.table("camera")), None
     entries = table.tables("cameras", MOST_CAMERAS)
@@ -348,23 +363,23 @@ def _read_device(table: Table) -> Device:
 
 
 def read_light(files: DescribedFiles, name: str, camera: Device) -> NDArray[np.float32]:
-    """The camera's picture of light in a described folder; InputError if it does not fit, or is no light."""
+    """Read a camera picture of light from a described folder. Raises InputError for a wrong size or radiance."""
     light = exr.read_described(files, name, camera.shape, "the camera")
     _check_light(light, f"{files.folder / name}", files.fix)
     return light
 
 
 def _read_primaries(files: DescribedFiles, camera: Device) -> NDArray[np.float32] | None:
-    """All three if any is listed."""
+    """Read all three pictures of the primaries, None if none is listed."""
     if not any(name in files for name in PRIMARIES):
         return None
     return np.stack([read_light(files, name, camera) for name in PRIMARIES])
 
 
 def _check_light(light: NDArray[np.float32], where: str, fix: str = REBUILD) -> None:
-    """InputError for what is no light; what a subtracted dark frame leaves below 0 is no larger than what is above."""
+    """Raise InputError for invalid radiance. Negative values may be as large as positive values, because of noise."""
     low, high = float(light.min()), float(light.max())
-    if not (-high <= low and high <= RADIANCE[1]):  # NaN is no number's equal
+    if not (-high <= low and high <= RADIANCE[1]):  # a comparison with NaN is false
         raise InputError(
             f"{where}: radiance from {low:g} to {high:g}, expected numbers from 0 (a little noise below) to "
             f"{RADIANCE[1]:g}; {fix}"

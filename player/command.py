@@ -1,4 +1,4 @@
-"""What every command shares: one-line errors, exit codes, progress."""
+"""What all commands share: one-line errors, exit codes, progress."""
 
 import argparse
 import errno
@@ -17,22 +17,22 @@ from typing import Any, NoReturn, TextIO, TypeVar
 from counterlight.errors import InputError, nearest, printable
 
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs that have one
+SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs with a script of their own
 LOG_INTERVAL_S = 10.0
 BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, {rate_fmt}, {remaining} left{postfix}"
 ROOM_BESIDE_LABEL = 82  # columns
-CLEARED = b"\r\x1b[K"  # to the beginning of the line, of which nothing is left
-LAST_WORDS_S = 1.0  # how long the reader of a command's last line is waited for
+CLEARED = b"\r\x1b[K"  # returns to the beginning of the line and clears it
+LAST_WORDS_S = 1.0  # longest wait for the reader of a command's last line
 
-TYPING_ERROR = 0.8  # of the shortest options, one wrong letter; --report and --remote have 0.75
+TYPING_ERROR = 0.8  # one wrong letter in the shortest options; --report and --remote have 0.75
 
 T = TypeVar("T")
 
 
 class Parser(argparse.ArgumentParser):
-    """The arguments of a verb of `counterlight`; complaints are one line, like every other error.
+    """The argument parser of a verb of `counterlight`. Like every error, its errors are one line.
 
-    A script of its own may stand for the verb. Shells complete by it, where argcomplete asks.
+    A separate script may stand for the verb. argcomplete completes arguments in shells.
     """
 
     _completes = False
@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{self.prog}: {message}{hint}; see {self.prog} --help")
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Positional arguments may come after options, those that may be left out, too."""
+        """Parse arguments. Positional arguments, even optional ones, may follow options."""
         return self.parse_intermixed_args(args, namespace)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
@@ -63,7 +63,7 @@ class Parser(argparse.ArgumentParser):
         if "_ARGCOMPLETE" in os.environ and not Parser._completes:
             import argcomplete
 
-            Parser._completes = True  # it parses, too
+            Parser._completes = True  # argcomplete calls the parser itself
             argcomplete.autocomplete(self)  # ends the process
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -74,12 +74,12 @@ class Parser(argparse.ArgumentParser):
 
 
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
-    """Run a command's body and turn its outcome into an exit code (0 done, 1 fault, 2 bad input, 130 interrupted)."""
+    """Run a command's body. Returns the exit code: 0 done, 2 bad input, 130 interrupted. Other exceptions pass."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: names of files need not be text
+        sys.stdout.reconfigure(errors="backslashreplace")  # as for stderr, because file names need not be text
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up on `kill` as on Ctrl-C
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # which nohup asks for
-        signal.signal(signal.SIGHUP, signal.default_int_handler)  # and when the terminal goes
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
+        signal.signal(signal.SIGHUP, signal.default_int_handler)  # clean up when the terminal closes
     try:
         code = body(argv) or DONE
         sys.stdout.flush()
@@ -88,7 +88,7 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
         tell(f"error: {error}", patience_s=LAST_WORDS_S)
         return BAD_INPUT
     except BrokenPipeError:
-        _say_no_more()  # the reader of our output has gone (`… | head`): nobody is left to tell
+        _say_no_more()  # the reader of the output has ended (`… | head`)
         return DONE
     except OSError as error:
         if error.errno == errno.ENOSPC and error.filename is None:
@@ -105,16 +105,16 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
 
 
 def _say_no_more() -> None:
-    """What was printed and cannot be written is given up: flushing at exit would fail again."""
+    """Discard output that cannot be written, because flushing it at exit would fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def tell(line: str, stream: TextIO | None = None, *, patience_s: float = 0.0) -> None:
-    """Print a line (to stderr) if it can be done at once: whoever does not read, or has gone, costs the line alone."""
+    """Print a line (to stderr). If the reader does not read within `patience_s`, only the line is lost."""
     stream = stream or sys.stderr
     try:
         descriptor = stream.fileno()
-    except (OSError, ValueError):  # not a file of the system's, in a test
+    except (OSError, ValueError):  # not a system file, in a test
         print(line, file=stream)
         return
     start = CLEARED if stream.isatty() else b""
@@ -122,7 +122,7 @@ def tell(line: str, stream: TextIO | None = None, *, patience_s: float = 0.0) ->
 
 
 def status(line: str) -> None:
-    """Show a line on the terminal (stderr) in place of the one before; `tell` writes over it. Nothing elsewhere."""
+    """Show a line on the terminal (stderr) in place of the last one. `tell` overwrites it. Needs a terminal."""
     if sys.stderr.isatty():
         columns = shutil.get_terminal_size().columns
         _write(sys.stderr.fileno(), CLEARED + printable(line)[: columns - 1].encode(), 0.0)
@@ -130,12 +130,12 @@ def status(line: str) -> None:
 
 def _write(descriptor: int, data: bytes, patience_s: float) -> None:
     with suppress(OSError, ValueError):
-        if select.select([], [descriptor], [], patience_s)[1]:  # a pipe then takes PIPE_BUF bytes
+        if select.select([], [descriptor], [], patience_s)[1]:  # a pipe then accepts PIPE_BUF bytes
             os.write(descriptor, data)
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """`640x480` -> (480, 640), that is (height, width)."""
+    """Parse `640x480` -> (480, 640), that is (height, width)."""
     width, cross, height = text.lower().partition("x")
     if not (cross and width.isdecimal() and height.isdecimal() and int(width) and int(height)):
         raise argparse.ArgumentTypeError(f"a size is WIDTHxHEIGHT, such as 640x480, found {text!r}")
@@ -143,13 +143,13 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_decibels(text: str) -> float:
-    """`0.1dB` or `0.1` -> 0.1."""
+    """Parse `0.1dB` or `0.1` -> 0.1."""
     told = f"decibels are a number of at least 0, such as 0.1dB, found {text!r}"
     return at_least_0(text.lower().removesuffix("db"), told)
 
 
 def at_least_0(text: str, told: str) -> float:
-    """A number from 0 up; what is none is refused in the words `told`."""
+    """Parse a number ≥ 0. Raises ArgumentTypeError with the message `told` for other text."""
     try:
         number = float(text)
     except ValueError:
@@ -160,10 +160,10 @@ def at_least_0(text: str, told: str) -> float:
 
 
 def progress_bar(label: str, total: int | None) -> Any:
-    """A tqdm bar on stderr that keeps its length however long its label is."""
-    from tqdm import tqdm  # counterlight doctor reports a tqdm that is missing by means of this module
+    """Return a tqdm bar on stderr whose length does not depend on its label."""
+    from tqdm import tqdm  # imported late, because counterlight doctor uses this module to report a missing tqdm
 
-    columns, lines = shutil.get_terminal_size()  # 80x24 where a terminal does not say; tqdm would then draw nothing
+    columns, lines = shutil.get_terminal_size()  # 80x24 if the terminal does not say; tqdm alone would then draw no bar
     room = max(columns - ROOM_BESIDE_LABEL, 10)
     short = label if len(label) <= room else f"{label[: room - 1]}…"
     shown = None if total is None else BAR
@@ -171,7 +171,7 @@ def progress_bar(label: str, total: int | None) -> Any:
 
 
 def _progress(count: int, total: int | None, seconds: float) -> str:
-    """`30 of 100, 11 s, 2.7 per second, 26 s left`."""
+    """Return `30 of 100, 11 s, 2.7 per second, 26 s left`."""
     told = f"{count}{'' if total is None else f' of {total}'}, {seconds:.0f} s"
     if not count or total is None:
         return told
@@ -180,7 +180,7 @@ def _progress(count: int, total: int | None, seconds: float) -> str:
 
 
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
-    """Yield `items` with a progress bar on a terminal, otherwise with a log line now and then (stderr)."""
+    """Yield `items` with a progress bar on a terminal, otherwise with a log line every LOG_INTERVAL_S (stderr)."""
     if sys.stderr.isatty():
         with progress_bar(label, len(items) if total is None and isinstance(items, Sized) else total) as bar:
             for item in items:

@@ -1,7 +1,4 @@
-"""Whether what is to be done fits into memory, asked before it starts: a refusal is kinder than a swapping machine.
-
-And what is freed, given back to the system.
-"""
+"""Checks before a task whether it fits into memory, because an error is better than swapping. Frees unused memory."""
 
 import ctypes
 import os
@@ -11,7 +8,7 @@ from counterlight.errors import InputError
 
 
 def available_bytes() -> int:
-    """Memory that can be had without swapping; what Linux estimates, else all that is installed."""
+    """Return the memory that is available without swapping: Linux's estimate, else all installed memory."""
     try:
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
         return int(lines["MemAvailable"].split()[0]) << 10
@@ -20,7 +17,7 @@ def available_bytes() -> int:
 
 
 def check(needed: float, what: str, remedy: str) -> None:
-    """InputError if `needed` bytes are not available."""
+    """Raise InputError if `needed` bytes are not available."""
     available = available_bytes()
     if needed > available:
         raise InputError(
@@ -30,10 +27,10 @@ def check(needed: float, what: str, remedy: str) -> None:
 
 
 def give_back() -> None:
-    """Return freed memory to the system, where its C library can (glibc, 2 ms).
+    """Return freed memory to the system if the C library supports it (glibc, 2 ms).
 
-    Compiling shaders leaves holes in the heap that glibc keeps: 60 MiB after 20 reloads of a small room, else 6 MiB.
-    Arrays of up to 32 MiB lie in such heaps, too, one for each thread.
+    Compiling shaders leaves holes in the heap that glibc keeps: 60 MiB after 20 reloads of a small room, 6 MiB with
+    this call. Arrays of up to 32 MiB are also in such heaps, one heap per thread.
     """
     libc = ctypes.CDLL(None)
     if hasattr(libc, "malloc_trim"):

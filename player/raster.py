@@ -1,4 +1,4 @@
-"""The raster: the pictures of several projectors in one, which the engine and the files know (docs/displays.md)."""
+"""The raster: the pictures of several projectors joined into one, for the pipeline and the files (docs/displays.md)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Region(NamedTuple):
 
     @property
     def part(self) -> tuple[slice, slice]:
-        """Of a picture: rows and columns."""
+        """Rows and columns of the rectangle."""
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
 
 
@@ -46,10 +46,10 @@ class Raster:
 
 
 def side_by_side(shapes: Sequence[Shape]) -> tuple[Shape, tuple[Region, ...]]:
-    """The (height, width) of the raster of projectors of these, and each one's part of it.
+    """Return the (height, width) of the raster for projectors of these shapes, and each projector's region.
 
-    From the left, at the top; where a row would be wider than a picture may be the next begins, each row as high as the
-    highest projector of all.
+    Projectors stand side by side from the left. A new row begins where a row would exceed the largest width. Each row
+    is as high as the highest projector.
     """
     regions, left, top, row = list[Region](), 0, 0, max(height for height, _ in shapes)
     for height, width in shapes:

@@ -1,7 +1,7 @@
 """Transfer curves: how code values become light, for projectors and for pictures.
 
-A *response* maps a code value (0..1, what goes over the cable) to linear drive (0..1). Shaders use tables only, so that
-an analytic curve and a measured one take the same path; player/pipeline/reference.py reads the same tables.
+A *response* maps a code value (0..1, the projector's input) to linear drive (0..1). Shaders use only tables, so that
+analytic and measured curves take the same path. player/pipeline/reference.py reads the same tables.
 """
 
 from contextlib import suppress
@@ -22,8 +22,8 @@ from counterlight.raster import Region, Shape, side_by_side
 TABLE_SIZE = 1024
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
 MOST_SAMPLES = 1 << 12  # of a white segment
-BRIGHTEST = 20.0  # times the primaries' own white, that of a white segment
-MOST_ROWS = 1 << 16  # of a measured table: one for each code of a 16-bit camera
+BRIGHTEST = 20.0  # largest light of a white segment, relative to the white of the primaries
+MOST_ROWS = 1 << 16  # rows of a measured table, one per code of a 16-bit camera
 _SRGB_KNEE = 0.04045
 Matrix: TypeAlias = tuple[tuple[float, ...], ...]  # rows
 PQ_PEAK = 10_000.0  # cd/m² of the highest code
@@ -34,15 +34,16 @@ _HLG_A, _HLG_B, _HLG_C = 0.17883277, 0.28466892, 0.55991073
 
 @dataclass(frozen=True)
 class WhiteSegment:
-    """A projector's white segment: light that grey has beside its red, green and blue.
+    """A projector's white segment: extra light that grey has besides its red, green and blue.
 
-    Of codes whose primaries are p, the darkest m = min p, such a projector shows p + s(m), s rising from s(0) = 0. With
-    c = p − s(m) in the place of p, m the least of the m_l that solve m_l + s_l(m_l) = p_l, the darkest of c is m and
-    the light is p: it adds up, as T needs it to. What is given up is white beyond the sum of the primaries.
-
-    samples : (samples, 3), s at equal steps of m from 0 to 1, in units of each primary's full light.
+    For codes with primaries p and darkest primary m = min p, such a projector shows p + s(m). s rises from s(0) = 0.
+    Instead of p, the player sends c = p − s(m), where m is the least of the m_l that solve m_l + s_l(m_l) = p_l. The
+    darkest of c is then m and the light is p, so that light adds up as T requires. White beyond the sum of the
+    primaries is lost.
 
     Raises InputError unless s begins at 0 and m + s(m) rises.
+
+    samples : (samples, 3). s at equal steps of m from 0 to 1, in units of each primary's full light.
     """
 
     samples: tuple[tuple[float, ...], ...]
@@ -65,15 +66,15 @@ class WhiteSegment:
             )
 
     def beside(self, darkest: NDArray[np.floating]) -> NDArray[np.float64]:
-        """s(m): (…) -> (…, 3)."""
+        """Return s(m): (…) -> (…, 3)."""
         return np.stack([np.interp(darkest, self._levels, column) for column in np.array(self.samples).T], axis=-1)
 
     def white(self) -> NDArray[np.float64]:
-        """1 + s(1), full white in units of the primaries: (3,)."""
+        """Return 1 + s(1), full white in units of the primaries: (3,)."""
         return 1 + np.array(self.samples[-1])
 
     def tables(self) -> NDArray[np.float32]:
-        """(2, samples, 3) at equal steps of a root: m_l of √p_l, and s_l of √m."""
+        """Return (2, samples, 3) float32 at equal steps of a square root: m_l as a function of √p_l, and s_l of √m."""
         at = np.linspace(0, 1, TABLE_SIZE) ** 2
         whole = self._levels[:, None] + np.array(self.samples)
         darkest = np.stack([np.interp(at, column, self._levels) for column in whole.T], axis=-1)
@@ -88,9 +89,12 @@ class WhiteSegment:
 class Response:
     """A monotone curve per channel, code value -> linear light, both 0..1.
 
-    kind : "linear", "srgb", "gamma" (with `gamma`) or "table" (with `table`: (samples, 1 or 3), equally spaced codes).
-    segment : a projector's white segment, whose light is beside that of the curves.
-    Raises InputError when the curve cannot be inverted: gamma out of 0.1..10, a table that falls or stays within 0..1.
+    Raises InputError if the curve cannot be inverted: gamma outside 0.1..10, or a table that does not rise from 0 to 1.
+
+    kind : "linear", "srgb", "gamma" or "table".
+    gamma : exponent, for "gamma".
+    table : (samples, 1 or 3), at equally spaced codes, for "table".
+    segment : a projector's white segment, whose light is added to the light of the curves.
     """
 
     kind: str
@@ -109,12 +113,12 @@ class Response:
             _check_table(self.table)
 
     def to_linear(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Linear light of code values; the last axis is the channel. With a white segment, white is more than 1."""
+        """Return the linear light of code values; the last axis is the channel. White segments make white exceed 1."""
         light = self._primaries(codes)
         return light if self.segment is None else light + self.segment.beside(light.min(axis=-1))
 
     def _primaries(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """By the curves alone."""
+        """Return the light of the curves alone."""
         if self.kind == "table":
             table = np.array(self.table, np.float64)
             grid = np.linspace(0, 1, len(table))
@@ -122,9 +126,9 @@ class Response:
         return _analytic(self.kind, self.gamma, codes)
 
     def inverse_table(self) -> NDArray[np.float32]:
-        """Code values for linear light at light = (i / (n − 1))², i = 0 … n − 1: (n, 3).
+        """Return code values for light = (i / (n − 1))², i = 0 … n − 1: (n, 3) float32.
 
-        Equal steps of √light follow the curves' steepness near black: for sRGB and gammas up to 2.4, linear
+        Equal steps of √light follow the curves' steepness near black. For sRGB and gammas up to 2.4, linear
         interpolation in the table is off by less than a tenth of an 8-bit code value.
         """
         light = np.linspace(0, 1, TABLE_SIZE) ** 2
@@ -137,11 +141,11 @@ class Response:
         return np.stack([np.interp(light, column, grid) for column in columns], axis=-1).astype(np.float32)
 
     def over(self, shape: Shape) -> "RasterResponse":
-        """The same in all of a raster of (height, width)."""
+        """Return this response for a whole raster of (height, width)."""
         return RasterResponse((self,), side_by_side([shape])[1])
 
     def to_toml(self) -> object:
-        """What calibration.toml holds as `response`: a name, a gamma or a table."""
+        """Return the value of `response` in calibration.toml: a name, a gamma or a table."""
         return {"gamma": self.gamma, "table": [list(row) for row in self.table]}.get(self.kind, self.kind)
 
 
@@ -149,9 +153,10 @@ class Response:
 class RasterResponse:
     """The responses of projectors side by side in one raster, and their colour matrices if they have any.
 
-    responses : of each.  regions : of the raster, its own.
-    colours : D of each, (3, 3): of a drive q of primaries that all projectors share, it shows D q of its own; None for
-    q itself. Empty if none has one.
+    responses : response of each projector.
+    regions : region of each projector in the raster.
+    colours : D of each projector, (3, 3). D converts a drive q of the shared primaries into the drive D q of the
+        projector's own primaries. None means the identity. Empty if no projector has a matrix.
     """
 
     responses: tuple[Response, ...]
@@ -162,12 +167,12 @@ class RasterResponse:
 
     @cached_property
     def row_height(self) -> int:
-        """Of the raster's rows of projectors: pixels."""
+        """Height of a row of projectors in the raster, in pixels."""
         return next((region.top for region in self.regions if region.top), max(each.height for each in self.regions))
 
     @cached_property
     def of_column(self) -> NDArray[np.int32]:
-        """Which of the distinct projectors each column is of, (rows of projectors, width); the first where none is."""
+        """Index of the distinct projector in each column, (rows of projectors, width); 0 where there is none."""
         rows = self.regions[-1].top // self.row_height + 1
         columns = np.zeros((rows, max(region.left + region.width for region in self.regions)), np.int32)
         for region, each in zip(self.regions, self._each, strict=True):
@@ -176,7 +181,7 @@ class RasterResponse:
         return columns
 
     def to_linear(self, codes: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Linear drive of a raster's 8-bit code values, (height, width, 3), of the shared primaries."""
+        """Return the linear drive of the shared primaries for a raster's 8-bit code values, (height, width, 3)."""
         inverse = None if self.matrices is None else np.linalg.inv(self.matrices.astype(np.float64))
         drive = np.empty(codes.shape)
         for top, each in zip(range(0, len(codes), self.row_height), self.of_column, strict=True):
@@ -191,11 +196,11 @@ class RasterResponse:
         return drive
 
     def inverse_tables(self) -> NDArray[np.float32]:
-        """`Response.inverse_table` of each distinct projector: (projectors, samples, 3)."""
+        """Return `Response.inverse_table` of each distinct projector: (projectors, samples, 3)."""
         return np.stack([response.inverse_table() for response, _ in self._distinct])
 
     def segment_tables(self) -> NDArray[np.float32] | None:
-        """`WhiteSegment.tables` of each distinct projector, (projectors, 2, samples, 3); None if none has one."""
+        """Return the segment tables of each distinct projector, (projectors, 2, samples, 3). None without segments."""
         if all(response.segment is None for response, _ in self._distinct):
             return None
         none = WhiteSegment(((0.0, 0.0, 0.0),) * 2)
@@ -203,7 +208,7 @@ class RasterResponse:
 
     @cached_property
     def matrices(self) -> NDArray[np.float32] | None:
-        """D of each distinct projector, (projectors, 3, 3); None if none has one."""
+        """D of each distinct projector, (projectors, 3, 3). None if no projector has one."""
         if not any(self.colours):
             return None
         return np.array([np.eye(3) if colour is None else colour for _, colour in self._distinct], np.float32)
@@ -224,7 +229,7 @@ class RasterResponse:
 
 
 def parse_response(value: object) -> Response:
-    """`"linear"`, `"srgb"`, a gamma (number or its text), or a table of rising values -> Response."""
+    """Parse `"linear"`, `"srgb"`, a gamma (number or text), or a table of rising values."""
     if isinstance(value, str) and value in ("linear", "srgb"):
         return Response(value)
     if isinstance(value, list):
@@ -241,9 +246,10 @@ def parse_response(value: object) -> Response:
 
 
 def read_response(table: Table, folder: Path | None = None) -> Response:
-    """A table's `response`, linear where it says nothing, with its `white_segment`, if it has one.
+    """Read a table's `response`, linear by default, and its `white_segment` if it has one.
 
-    folder : where response files may be named, there or below; None for a table that names none.
+    table : table of a TOML file.
+    folder : folder of named response files; None if the table may not name files.
     """
     try:
         if folder is not None and _names_file(table.values.get("response")):
@@ -265,7 +271,10 @@ def _parse_segment(value: object) -> WhiteSegment:
 
 
 def named_response(text: str) -> Response:
-    """`linear`, `srgb`, a gamma such as `2.2`, or a .toml file with `response = …`; InputError for anything else."""
+    """Parse `linear`, `srgb`, a gamma such as `2.2`, or the name of a .toml file with `response = …`.
+
+    Raises InputError for other text.
+    """
     if not text.endswith(".toml"):
         return parse_response(text)
     path = Path(text)
@@ -276,7 +285,7 @@ def named_response(text: str) -> Response:
 
 
 def projector_response(text: str) -> Response:
-    """As `named_response`; a .toml file may also be a scene or a calibration.toml, whose projector's it is."""
+    """Parse a response like `named_response`. A .toml file may also be a scene or a calibration.toml."""
     path = Path(text)
     values = read_toml(path, FIX) if text.endswith(".toml") else {}
     if "response" in values or not {"projector", "projectors"} & values.keys():
@@ -295,9 +304,9 @@ def _is_number(value: object) -> TypeGuard[int | float]:
 
 
 def transfer_table(transfer: str) -> NDArray[np.float32]:
-    """Linear light of picture code values i / (n − 1): (n,). BT.1886 with zero black is a gamma of 2.4.
+    """Return the linear light of picture code values i / (n − 1): (n,). BT.1886 with zero black is a gamma of 2.4.
 
-    That of PQ is in shares of PQ_PEAK, that of HLG the scene's.
+    PQ gives shares of PQ_PEAK, HLG gives scene light.
     """
     gammas = {"bt1886": 2.4, "gamma22": 2.2, "gamma28": 2.8}
     codes = np.linspace(0, 1, TABLE_SIZE)
@@ -308,19 +317,22 @@ def transfer_table(transfer: str) -> NDArray[np.float32]:
 
 
 def pq_light(codes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """SMPTE ST 2084's EOTF, in shares of PQ_PEAK."""
+    """Apply SMPTE ST 2084's EOTF. Returns shares of PQ_PEAK."""
     power = np.asarray(codes) ** (1 / _PQ_M[1])
     return np.asarray((np.maximum(power - _PQ_C[0], 0) / (_PQ_C[1] - _PQ_C[2] * power)) ** (1 / _PQ_M[0]))
 
 
 def pq_codes(light: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Its inverse."""
+    """Apply the inverse of SMPTE ST 2084's EOTF.
+
+    light : light in shares of PQ_PEAK.
+    """
     power = np.asarray(light, np.float64) ** _PQ_M[0]
     return np.asarray(((_PQ_C[0] + _PQ_C[1] * power) / (1 + _PQ_C[2] * power)) ** _PQ_M[1])
 
 
 def _hlg_light(codes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of HLG's OETF (ITU-R BT.2100-2), the scene's light, 0..1."""
+    """Apply the inverse of HLG's OETF (ITU-R BT.2100-2). Returns scene light, 0..1."""
     return np.where(codes <= 0.5, codes**2 / 3, (np.exp((codes - _HLG_C) / _HLG_A) + _HLG_B) / 12)
 
 

@@ -1,8 +1,8 @@
-"""The screen that several cameras share: where on it each of their pixels looks (docs/cameras.md).
+"""The screen that several cameras share: the place on it that each camera pixel sees (docs/cameras.md).
 
-The cameras' pictures stand below each other in one raster (thesis eq. 4.7), so that T, the maps and the light are those
-of one large camera. A picture is placed on the screen, and what a camera pixel is asked for is what the screen shows
-where that pixel looks.
+The cameras' pictures stand below each other in one raster (thesis eq. 4.7). T, the maps and the light are therefore
+those of one large camera. The user places a picture on the screen. The target of a camera pixel is the picture at the
+place that the pixel sees.
 """
 
 from dataclasses import dataclass
@@ -27,12 +27,14 @@ FARTHEST = 1e6  # pixels from the screen's upper left
 
 @dataclass(frozen=True, eq=False)
 class Screen:
-    """shape : (height, width) of the screen, in pixels.  cameras : (height, width) of each, from the top.
+    """A screen and the cameras that see it.
 
-    positions : (raster height, raster width, 2) float32, x and y on the screen of each pixel's centre, in pixels from
-    the upper left; they may lie outside it. Of no meaning beside a camera that is narrower than the raster.
-    gains : (cameras, 3), what each one's light was multiplied with, so that all are as bright where they overlap; None
-    for nothing.
+    shape : (height, width) of the screen, in pixels.
+    cameras : (height, width) of each camera, from the top of the raster.
+    positions : (raster height, raster width, 2) float32. x and y on the screen of each pixel's centre, in pixels from
+        the upper left, possibly outside the screen. Undefined next to a camera that is narrower than the raster.
+    gains : (cameras, 3). Factors of each camera's light, so that all cameras are equally bright where they overlap;
+        None for 1.
     """
 
     shape: tuple[int, int]
@@ -51,21 +53,21 @@ class Screen:
         if self.gains is not None and self.gains.shape != (len(self.cameras), 3):
             raise InputError(f"screen: gains of shape {self.gains.shape} for {len(self.cameras)} cameras")
         for number, part in enumerate(self.parts, 1):
-            if not np.all(np.abs(self.positions[part]) <= FARTHEST):  # NaN is not
+            if not np.all(np.abs(self.positions[part]) <= FARTHEST):  # false for NaN
                 raise InputError(f"screen: camera {number} looks where there is no number; join the cameras again")
 
     __repr__ = brief
 
     @property
     def parts(self) -> tuple[tuple[slice, slice], ...]:
-        """Of the raster, each camera's rows and columns."""
+        """Rows and columns of each camera in the raster."""
         return parts_of(self.cameras)
 
     @cached_property
     def axes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """For x and for y, (raster height, raster width, 3): the position, and its slopes along the raster's x and y.
 
-        Both slopes are 0 where no camera looks.
+        Both slopes are 0 in pixels without a camera.
         """
         across, down = (np.zeros((*self.positions.shape[:2], 3), np.float32) for _ in range(2))
         for part in self.parts:
@@ -76,9 +78,9 @@ class Screen:
         return across, down
 
     def looked_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the raster's pixels at some points look; shares of the raster -> shares of the screen, (n, 2).
+        """Convert points from shares of the raster to the shares of the screen that the pixels there see, (n, 2).
 
-        NaN outside the raster and where no camera looks.
+        NaN outside the raster and in pixels without a camera.
         """
         across, down = self.axes
         height, width = across.shape[:2]
@@ -92,12 +94,12 @@ class Screen:
 
 
 def raster_of(cameras: tuple[tuple[int, int], ...]) -> tuple[int, int]:
-    """(height, width) of the raster: as high as all cameras together, as wide as the widest."""
+    """Return (height, width) of the raster: the sum of the cameras' heights, and the largest width."""
     return sum(height for height, _ in cameras), max(width for _, width in cameras)
 
 
 def parts_of(cameras: tuple[tuple[int, int], ...]) -> tuple[tuple[slice, slice], ...]:
-    """Rows and columns of each camera in the raster, all at its left."""
+    """Return rows and columns of each camera in the raster. All cameras stand at the left."""
     tops = accumulate((height for height, _ in cameras), initial=0)
     return tuple(
         (slice(top, top + height), slice(0, width)) for top, (height, width) in zip(tops, cameras, strict=False)
@@ -115,7 +117,14 @@ def read_screen(
     gains: NDArray[np.float64],
     fix: str,
 ) -> Screen:
-    """The screen of a described folder.  table : its width and height.  InputError if it does not fit the cameras."""
+    """Read the screen of a described folder. Raises InputError if it does not fit the cameras.
+
+    table : holds its width and height.
+    files : checked access to the folder's files.
+    cameras : (height, width) of each camera.
+    gains : (cameras, 3).
+    fix : advice that ends the messages.
+    """
     height, width = (table.integer(key, None, 2, MAX_SIDE) for key in ("height", "width"))
     with files.opened(files.folder / FILE) as file:
         positions = exr.read_beside(file, CHANNELS, exr.sized(raster_of(cameras), "the cameras' raster", fix))

@@ -1,8 +1,8 @@
-"""Several views of one room, calibrated from different places: where they stand, and each one's share for a viewer.
+"""Several views of one room, calibrated from different places, and the share of each view for a viewer.
 
-A set of views is a folder: viewpoints.toml, and in views/1, views/2, … a calibration each, of the same projectors, all
-placed on one screen (docs/viewpoints.md). A viewer between views is between the two or three that are around: shares
-are barycentric in a triangulation of the places, 1 at a view itself.
+A set of views is a folder with viewpoints.toml and one calibration in each of views/1, views/2, … All views have the
+same projectors and one common screen (docs/viewpoints.md). A viewer between views gets a blend of the two or three
+surrounding views. The shares are barycentric coordinates in a triangulation of the places.
 """
 
 from collections.abc import Sequence
@@ -23,32 +23,32 @@ from counterlight.files.tables import Table
 FORMAT, TOML, FOLDER = 1, "viewpoints.toml", "views"
 MOST_VIEWS, FARTHEST = 64, 1e6
 JOIN = "join the views again: counterlight join VIEW… --at X[,Y]… -o FOLDER"
-LEAST = 1e-6  # a share below is none, so that a view itself is met
-ROUNDING = 1e-9  # of the places' extent
-LIFT = 1e-7  # of its square: what decides between triangles that are equally good, as of the squares of a grid
+LEAST = 1e-6  # smaller shares count as 0, so that a view is reached exactly
+ROUNDING = 1e-9  # relative to the places' extent
+LIFT = 1e-7  # relative to the squared extent: decides between equally good triangles, such as in a grid
 
 FloatArray = NDArray[np.float64]
 Points: TypeAlias = tuple[tuple[float, float], ...]
-Viewpoint: TypeAlias = Points | Literal["all"]  # of a viewer, or of several; "all": as if one stood at every view
+Viewpoint: TypeAlias = Points | Literal["all"]  # of one or several viewers; "all" means one viewer at every view
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where each view was calibrated, x and y in whatever unit, as viewers' places are given."""
+    """The place of each view, x and y in any unit. Viewers' places use the same unit."""
 
     at: Points
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.at) <= MOST_VIEWS:
             raise InputError(f"{len(self.at)} views, expected 1 to {MOST_VIEWS}")
-        if not np.all(np.abs(self._at) <= FARTHEST):  # NaN is not
+        if not np.all(np.abs(self._at) <= FARTHEST):  # false for NaN
             raise InputError(f"views at {self.at}: expected numbers from {-FARTHEST:g} to {FARTHEST:g}")
         for one, other in combinations(range(len(self.at)), 2):
             if np.abs(self._at[one] - self._at[other]).max() <= ROUNDING * self._extent:
                 raise InputError(f"views {one + 1} and {other + 1} are both at {_told(self.at[one])}; leave one out")
 
     def shares(self, viewpoint: Viewpoint) -> FloatArray:
-        """Each view's for viewers there, of sum 1, (views,); outside the views as at the nearest place between them."""
+        """Return each view's share, (views,), with sum 1. A viewer outside the views is moved to the nearest place."""
         if viewpoint == "all":
             return np.full(len(self.at), 1 / len(self.at))
         shares = np.mean([self._shares_at(np.array(point)) for point in viewpoint], axis=0)
@@ -56,7 +56,7 @@ class Places:
         return np.asarray(shares / shares.sum())
 
     def outside(self, viewpoint: Viewpoint) -> str | None:
-        """A line about viewers who stand beyond all views, None if nobody does."""
+        """Return a line about viewers outside all views, None if there are none."""
         for point in () if viewpoint == "all" else viewpoint:
             taken = self._shares_at(np.array(point)) @ self._at
             if np.abs(taken - point).max() > LEAST * self._extent:
@@ -81,7 +81,7 @@ class Places:
             if each[best].min() >= -ROUNDING:
                 shares[corners[best]] = np.clip(each[best], 0, 1)
                 return shares
-        shares[self._edges[0, 0]] = 1  # of a single view
+        shares[self._edges[0, 0]] = 1  # for a single view
         if len(self.at) > 1:
             start, along = self._at[self._edges[:, 0]], np.diff(self._at[self._edges], axis=1)[:, 0]
             t = np.clip(((point - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0, 1)
@@ -101,10 +101,12 @@ class Places:
 
     @cached_property
     def _triangles(self) -> tuple[NDArray[np.int64], FloatArray]:
-        """Corners (triangles, 3), and what makes shares of the first two of a place less the third, (triangles, 2, 2).
+        """Corners, (triangles, 3), and matrices, (triangles, 2, 2), of the triangulation of the places.
 
-        The triangulation is the lower hull of the places lifted by their squares (Delaunay's), and by a little
-        more of each, so that it is one where four lie on a circle.
+        A matrix converts a place relative to the third corner into the shares of the first two corners.
+
+        The triangulation is the lower hull of the places lifted by their squares (Delaunay). A small random lift makes
+        it unique if four places lie on a circle.
         """
         at = (self._at - self._at.mean(axis=0)) / self._extent
         lifted = (at**2).sum(axis=1) + LIFT * np.random.default_rng(0).uniform(size=len(at))
@@ -127,12 +129,12 @@ def is_set(folder: Path) -> bool:
 
 
 def folders_of(folder: Path, count: int) -> list[Path]:
-    """Of the views of a set."""
+    """Return the folders of a set's views."""
     return [folder / FOLDER / f"{number}" for number in range(1, count + 1)]
 
 
 def calibrations_in(folder: Path) -> list[Path]:
-    """The folders of the views of a set, or the folder itself, which is one calibration."""
+    """Return the folders of a set's views, or the folder itself if it is one calibration."""
     if not is_set(folder):
         return [folder]
     table = Table(read_toml(folder / TOML, JOIN), f"{folder / TOML}", JOIN)
@@ -140,15 +142,21 @@ def calibrations_in(folder: Path) -> list[Path]:
 
 
 def write_places(folder: Path, places: Places, calibrations: Sequence[Path]) -> None:
-    """viewpoints.toml of a set, whose views are there already.  calibrations : calibration.toml of each."""
+    """Write viewpoints.toml of a set whose views already exist.
+
+    folder : folder of the set.
+    places : places of the views.
+    calibrations : calibration.toml of each view.
+    """
     views = [{"at": list(at), "calibration": sha256_of(path)} for at, path in zip(places.at, calibrations, strict=True)]
     write_toml(folder / TOML, {"format": FORMAT, "views": views})
 
 
 def read_places(folder: Path, calibration: str) -> Places:
-    """Where the views of a set stand.  calibration : the name of its file in each view's folder.
+    """Read the places of a set's views. Raises InputError for a damaged list, or a view that was recalibrated.
 
-    InputError for a damaged list, and for a view that was calibrated anew: it has another screen.
+    folder : folder of the set.
+    calibration : name of the calibration file in each view's folder.
     """
     table = Table(read_toml(folder / TOML, JOIN), f"{folder / TOML}", JOIN)
     table.format(FORMAT)

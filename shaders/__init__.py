@@ -1,1 +1,1 @@
-"""GLSL sources, one pass a file; installed as the package counterlight.shaders."""
+"""GLSL sources, one pass per file; installed as the package counterlight.shaders."""

@@ -1,5 +1,5 @@
 #version 330 core
-// A picture between two, in linear light.
+// Mixes two pictures in linear light.
 //
 // Inputs: `now`, `before`, of one size.
 // Output: (1 − weight) now + weight gain before.

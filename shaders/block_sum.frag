@@ -1,9 +1,9 @@
 #version 330 core
-// The sum of each block of SIDE × SIDE pixels. A few such passes after one another sum a picture.
+// Sums each block of SIDE × SIDE pixels. A few such passes in a row sum a picture.
 //
 // Inputs: `source`.
 // Defines: SIDE.
-// Output: one value a block and channel; blocks at the right and lower edge may be smaller.
+// Output: one value per block and channel; blocks at the right and lower edge may be smaller.
 // CPU twin: block_sum in player/pipeline/reference.py.
 uniform sampler2D source;
 

@@ -1,11 +1,11 @@
 #version 330 core
-// The first of 16 candidates whose sum is at most 0, moved towards the one before as far as a line allows.
+// Chooses the first of 16 candidates whose sum is at most 0, interpolated linearly towards the candidate before it.
 //
-// Inputs: `sums`, 1 × 4 texels of four; `candidates`, 16 values. With SCALES: `tone`, whose second value is the offset
-//   found before, and `before`, the (s, o) of the frame before.
-// Defines: SCALES: candidates are shares of the greatest scale; where none is within its budget, the one with the least
-//   sum; else offsets, and then the last one.
-// Output: (1, o), or with SCALES (s, o), and on the way to it from `before` by the share `approach`.
+// Inputs: `sums`, 1 × 4 texels of four values; `candidates`, 16 values. With SCALES also `tone`, whose second value is the
+//   offset found before, and `before`, the (s, o) of the last frame.
+// Defines: SCALES: candidates are shares of the greatest scale; if no sum is at most 0, the least sum wins. Without SCALES,
+//   candidates are offsets; if no sum is at most 0, the last candidate wins.
+// Output: (1, o). With SCALES, (s, o), approached from `before` by the share `approach`.
 // CPU twin: choose in player/pipeline/adaptation.py.
 uniform sampler2D sums, candidates;
 #ifdef SCALES

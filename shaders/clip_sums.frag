@@ -1,11 +1,11 @@
 #version 330 core
-// What clips less what may, of 4 of 16 candidates, in one tile of the camera's view (player/pipeline/content.py).
+// Sums clipping minus the allowed clipping, for 4 of 16 candidates in one tile of the camera's view (player/pipeline/content.py).
 //
 // Inputs: `picture`, u in shares of white; `near`, u − F u; `near_white`, 1 − F 1; `near_ambient`, e − F e; `ambient`, e;
 //   `most`, near light of full drive, alpha 0 where a pixel does not count; `candidates`, 16 values; with SCALES `tone`,
 //   whose second value is o.
-// Defines: TILES along a side; SCALES tries shares of the greatest scale at the given offset, else offsets are tried at
-//   their greatest scales, and only what is too dark counts.
+// Defines: TILES, tiles per side; SCALES: candidates are shares of the greatest scale at the given offset. Without SCALES,
+//   candidates are offsets at their greatest scales, and only values below 0 count.
 // Output: TILES columns, 4 · TILES rows: the tiles, four times, for candidates 0..3, 4..7, 8..11 and 12..15.
 // CPU twin: clip_sums in player/pipeline/adaptation.py.
 uniform sampler2D picture, near, near_white, near_ambient, ambient, most, candidates;

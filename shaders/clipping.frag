@@ -1,8 +1,8 @@
 #version 330 core
-// Colour what is asked for beyond what can be shown, by how far.
+// Colours pixels whose target is beyond what can be shown, by the amount.
 //
-// Inputs, all of one size: `view`, linear light; `asked`, what is asked for, at least 0 and at most 1 or, with MOST, at
-//   most `most`, whose alpha is 0 where a pixel does not count.
+// Inputs, all of one size: `view`, linear light; `asked`, the target. Targets from 0 to 1 can be shown; with MOST, targets
+//   from 0 to `most`, whose alpha is 0 where a pixel does not count.
 // Output: linear light.
 // CPU twin: clipping in player/pipeline/reference.py.
 uniform sampler2D view, asked;

@@ -1,5 +1,5 @@
 #version 330 core
-// One picture plus a multiple of another.
+// Adds a multiple of one picture to another.
 //
 // Inputs: `first`, `second`, of one size.
 // Defines: CLAMP limits the result to 0..1.

@@ -1,13 +1,13 @@
 #version 330 core
-// What the projector must add: b = white · picture − e (thesis eq. 5.1), mixed as the primaries are.
+// Computes the light that the projector must add, b = white · picture − e (thesis eq. 5.1), in mixed primaries.
 //
 // Inputs: `picture`, linear RGB; `ambient`, radiance of the same size.
-// Defines: CLAMP limits the result to 0..1 (a picture that goes to the projector as it is, with black as ambient);
-//   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
-//   `tone` (player/pipeline/content.py);
-//   MIXED takes the light through each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py);
-//   FULL limits it to what each pixel can have by itself, 0 to `full`, T·1: what a drive is sought for; where MIXED to
-//   what the camera sees nearest, `squares` being Q Qᵀ.
+// Defines: CLAMP limits the result to 0..1, for an uncorrected picture with black as ambient.
+//   TONE replaces the picture by s (k + (1 − k) unit · picture) + o. k is the black level, and (s, o) is the one texel of
+//   `tone` (player/pipeline/content.py).
+//   MIXED multiplies the light by each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py).
+//   FULL limits the light to what each pixel can reach by itself, 0 to `full`, T·1. With MIXED, the limited light is the
+//   light that the camera sees as nearest; `squares` is Q Qᵀ.
 // Output: b, radiance, of their size.
 // CPU twin: desired_light in player/pipeline/reference.py.
 uniform sampler2D picture;
@@ -27,7 +27,7 @@ uniform mat3 squares;
 
 const int SWEEPS = 3;
 
-// Limit after limit, the others make up for what a primary has to give way (nearest in player/maps/mixing.py).
+// One limit after another; the other primaries compensate a primary that is limited (nearest in player/maps/mixing.py).
 vec3 nearest(vec3 light, vec3 most, mat3 rows) {
     if (light == clamp(light, vec3(0.0), most)) return light;
     mat3 spread = transpose(rows) * squares * rows;

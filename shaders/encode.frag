@@ -1,11 +1,11 @@
 #version 330 core
-// Linear light -> code values, 8 bit or the screen's: the projector's own primaries, the inverse response, then dithering.
+// Converts linear light to code values of 8 bit or of the screen: own primaries, inverse response, then dithering.
 //
-// Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, a row a projector);
-// `of_column` (width of the picture, a texel row for each row of projectors), which of those each has, if there are
-// SEVERAL; `colours` (3 columns of RGB, a row a projector), the rows of its matrix from shared to own primaries, if light
-// is MIXED; `segments`, two rows a projector, the darkest primary over √light and what is beside it over its root, if one
-// has a white SEGMENT, whose light is taken out of the primaries.
+// Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, one row per projector);
+// `of_column` with SEVERAL: each column's row in these tables (width of the picture, one texel row per row of projectors);
+// `colours` with MIXED: matrix from shared to own primaries (3 columns of RGB, one row per projector); `segments` with
+// SEGMENT, two rows per projector: the darkest primary over √light, and the white segment's light, which is subtracted
+// from the primaries, over the square root of that primary.
 // Defines: SEVERAL, for projectors that differ, the height of a row of them; MIXED; SEGMENT; DITHER_ORDERED (8×8 Bayer),
 // DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / highest.

@@ -1,8 +1,8 @@
 #version 330 core
-// What the camera will see less what was asked, of the channel that is furthest off, as a colour.
+// Colours each camera pixel by its error: the light that the camera will see minus the target, in the worst channel.
 //
-// Inputs: `seen`, radiance; `b`, what the projector was asked to add; `ambient`; `reach`, as reach.frag leaves it;
-//   `colours`, linear light over the error from −span to span.
+// Inputs: `seen`, radiance; `b`, target of the projector's light; `ambient`; `reach`, output of reach.frag; `colours`,
+//   linear light over the error from −span to span.
 // Output: linear light, `white` times the colour; `uncounted` where reach's alpha is 0.
 // CPU twin: error_map in player/pipeline/reference.py.
 uniform sampler2D seen, b, ambient, reach, colours;

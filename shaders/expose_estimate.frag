@@ -1,10 +1,10 @@
 #version 330 core
-// The radiance of four samples from their two sums (thesis eq. 3.4 and 3.6).
+// Estimates the radiance of four samples from their two sums (thesis eq. 3.4 and 3.6).
 //
-// Inputs: `sums`, `weights` and `bounds`, as expose_sums.frag leaves them.
-// Defines: EXPONENTIAL, the quotient is ln E.
-// Output: E where a weight is there and E is not below `slack` times the bound, that is, contradicted by a picture that
-//   clips; otherwise minus the bound, 0 where only black was seen.
+// Inputs: `sums`, `weights` and `bounds`, outputs of expose_sums.frag.
+// Defines: EXPONENTIAL: the quotient is ln E.
+// Output: E where the weight is above 0 and E is at least `slack` times the bound. Elsewhere minus the bound, which is 0
+//   where only black was seen. A lower E would contradict a picture that clips.
 // CPU twin: CpuSums.estimate in tools/hdr/sums.py.
 uniform sampler2D sums;
 uniform sampler2D weights;

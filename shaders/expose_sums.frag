@@ -1,9 +1,9 @@
 #version 330 core
 // Adds BATCH exposures to the two sums of a radiance estimate (thesis 3.3.2, eq. 3.4 and 3.6).
 //
-// Inputs: `codes`, code values as a stream of samples (row, column, channel), four a texel, the exposures below each
-//   other, ROWS texels apart; `table`, (p, q) of each code value, 256 of each channel a row, or `curve`, the same for
-//   8 bit; `limits`, f⁻¹(TOP) of each channel; `sums`, `weights` and `bounds`, what earlier passes gave; `exposures`,
+// Inputs: `codes`, code values as a stream of samples (row, column, channel), four per texel, the exposures below each
+//   other, ROWS texels apart; `table`, (p, q) of each code value, 256 of each channel per row, or `curve`, the same for
+//   8 bit; `limits`, f⁻¹(TOP) of each channel; `sums`, `weights` and `bounds`, results of earlier passes; `exposures`,
 //   (α, β, γ, 1/t) of each.
 // Defines: BATCH, a compile-time number because a loop that is not unrolled took twice as long on llvmpipe; ROWS;
 //   CHANNELS; TOP, the lowest code that counts as clipped; CURVE_IN_UNIFORMS, `curve` instead of `table`: a fifth less

@@ -1,5 +1,5 @@
 #version 330 core
-// Covers the target with one triangle made from gl_VertexID; no vertex buffers.
+// Covers the target with one triangle, made from gl_VertexID without vertex buffers.
 void main() {
     vec2 corner = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2);
     gl_Position = vec4(corner * 2.0 - 1.0, 0.0, 1.0);

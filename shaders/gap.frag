@@ -1,5 +1,5 @@
 #version 330 core
-// Each projector pixel's share of the gap Σ max(g p, g (p − 1)), which bounds the distance to the best drive.
+// Computes each projector pixel's share of the gap Σ max(g p, g (p − 1)), which bounds the distance to the best drive.
 //
 // Inputs: `descent`, −g = Tᵀ(b − T p); `p`, the drive; of one size.
 // Output: the share, ≥ 0, of their size.

@@ -1,7 +1,7 @@
 #version 330 core
-// Which camera pixels cannot be corrected, and why, as a colour.
+// Colours camera pixels that cannot be corrected, by the reason.
 //
-// Inputs: `reach`, as reach.frag leaves it; `colours`, linear light: can be corrected, unlit, below mid grey, below white.
+// Inputs: `reach`, output of reach.frag; `colours`, linear light: can be corrected, unlit, below mid grey, below white.
 // Output: linear light, `white` times the colour.
 // CPU twin: impossible in player/pipeline/reference.py.
 uniform sampler2D reach, colours;

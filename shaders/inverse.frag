@@ -1,5 +1,5 @@
 #version 330 core
-// One over a picture, 0 where that is 0: step sizes of curvatures (player/pipeline/company.py).
+// Computes one over a picture, and 0 where the picture is 0: step sizes from curvatures (player/pipeline/company.py).
 //
 // Input: `picture`, ≥ 0.
 // Output: 1 / picture, or 0, of its size.

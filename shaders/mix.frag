@@ -1,5 +1,5 @@
 #version 330 core
-// Mix the channels of every pixel by a matrix of its own, and add a picture.
+// Multiplies the channels of every pixel by the pixel's own matrix, and adds a picture.
 //
 // Inputs: `light`, `base`; `row_red`, `row_green`, `row_blue`, the rows of each pixel's matrix; of one size.
 // Output: matrix · light + base.

@@ -1,10 +1,10 @@
 #version 330 core
-// A drive for projectors whose pictures have moved since the calibration: each pixel shows what the place that it lights
-// now was meant to get, between six by six pixels (Keys 1981), over what is left of its light.
+// Corrects a drive for projectors whose pictures have moved since the calibration. Each pixel shows the drive of the place
+// that it lights now, interpolated between six by six pixels (Keys 1981), divided by the remaining light.
 //
-// Inputs: `drive`, linear RGB, 0..1; `projectors`, a row for each, six texels: the rows of N, (left, top) and (width,
-// height) of its region, its gain g. N takes a position of its pixels to one of the calibrated region, homogeneous, in pixels.
-// Output: drive, 0..1. Beyond the calibrated raster it goes on as in a mirror and fades: nobody knows what is there.
+// Inputs: `drive`, linear RGB, 0..1; `projectors`, one row of six texels per projector: the rows of N, (left, top) and
+// (width, height) of its region, its gain g. N maps a position of its pixels to the calibrated region, homogeneous, pixels.
+// Output: drive, 0..1. Beyond the calibrated raster, where the room is unknown, the drive is mirrored and fades out.
 // CPU twin: moved in player/pipeline/drift.py.
 uniform sampler2D drive;
 uniform sampler2D projectors;

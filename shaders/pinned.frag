@@ -1,11 +1,11 @@
 #version 330 core
-// Place a picture by a projective map, black around it: a tent along each axis of the picture, as wide as a target pixel
-// is there and at least one source pixel, edges covered by the part of a pixel that lies inside.
+// Places a picture by a projective map on black. The filter is a tent along each axis of the picture, as wide as a target
+// pixel there and at least one source pixel. Edge pixels are weighted by their covered part.
 //
-// Inputs: `source`, linear RGB, row 0 at the top; with SCREEN, for x and for y on a screen, what each target pixel looks
-// at and its slopes along the target's x and y, all slopes 0 for one that looks nowhere.
-// Defines: MOST_TAPS along an axis; a filter that is wider takes every second sample, or every third …
-// SCREEN, to place the picture on what the target's pixels look at.
+// Inputs: `source`, linear RGB, row 0 at the top. With SCREEN also `across` and `down`, for x and y on a screen: the position
+// that each target pixel sees, and its slopes along the target's x and y. All slopes are 0 for a pixel that sees no screen.
+// Defines: MOST_TAPS along an axis; a wider filter takes every second sample, or every third …
+// SCREEN, to place the picture on the positions that the target's pixels see.
 // Output: linear RGB.
 // CPU twin: pinned in player/pipeline/reference.py.
 uniform sampler2D source;

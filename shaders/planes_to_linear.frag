@@ -1,13 +1,13 @@
 #version 330 core
-// Decoded planes -> linear RGB, upright.
+// Converts decoded planes to linear RGB, upright.
 //
 // Inputs: three single-channel planes, integer codes (or float radiance), row 0 at the top; `transfer`, a table of linear
 //   light over the code value 0..1 (width samples, height 1).
 // Defines: LAYOUT_YUV, LAYOUT_RGB or LAYOUT_RADIANCE.
-//   LUT takes codes through `lut`, a table by red, green and blue whose first sample stands for the code `lut_low`.
-//   RENDITION brings HDR or wide primaries to the screen, as player/pipeline/rendition.py says: `gain`, a table over
-//   the fourth root of light in shares of `top`.
-// Output: linear RGB, 0..1 (radiance as it is), one texel a displayed pixel.
+//   LUT maps codes through `lut`, a table by red, green and blue whose first sample is at the code `lut_low`.
+//   RENDITION converts HDR or wide primaries to the screen (player/pipeline/rendition.py); `gain` is a table over the
+//   fourth root of light in shares of `top`.
+// Output: linear RGB, 0..1 (radiance unchanged), one texel per displayed pixel.
 // CPU twin: planes_to_linear in player/pipeline/reference.py.
 #ifdef LAYOUT_RADIANCE
 uniform sampler2D plane_0, plane_1, plane_2;

@@ -1,7 +1,7 @@
 #version 330 core
-// Put the finished picture, or a part of it, into the window, upright (OpenGL's windows start at the bottom), with the overlay's text.
+// Draws the finished picture, or a part of it, upright into the window (OpenGL's windows start at the bottom), with the overlay.
 //
-// Inputs: `picture`, encoded RGB; `overlay`, RGBA text of its own size, at the window's upper left, alpha 0 where none.
+// Inputs: `picture`, encoded RGB; `overlay`, RGBA text of its own size, at the window's upper left, alpha 0 outside text.
 // Output: the window's pixels.
 uniform sampler2D picture;
 uniform sampler2D overlay;

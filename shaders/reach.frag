@@ -1,10 +1,10 @@
 #version 330 core
-// The brightest grey that each primary lets a pixel show, and which camera pixels count.
+// Computes the brightest grey that each primary lets a pixel show, and the mask of camera pixels that count.
 //
-// Inputs: `seen`, what full drive gives; `ambient`, what no drive gives; `mask`, not 0 inside; of one size.
-// Defines: MIXED: `seen` is without ambient light, and grey asks for it through each pixel's matrix, `row_red`,
-//   `row_green`, `row_blue` (grey_reach in player/maps/mixing.py); `unlimited` is the grey of what asks for nothing.
-//   ABOVE: what full drive adds, instead.
+// Inputs: `seen`, light under full drive; `ambient`, light without drive; `mask`, not 0 inside; of one size.
+// Defines: MIXED: `seen` is without ambient light, and grey is mixed by each pixel's matrix, `row_red`, `row_green`,
+//   `row_blue` (grey_reach in player/maps/mixing.py); `unlimited` is the grey where a primary is not needed.
+//   ABOVE: the output is the light that full drive adds.
 // Output: that grey; alpha 1 inside the mask where every channel is lit, 0 elsewhere.
 // CPU twin: reach_of in player/pipeline/reference.py.
 uniform sampler2D seen, ambient;

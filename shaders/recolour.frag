@@ -1,5 +1,5 @@
 #version 330 core
-// Mix the channels of all pixels by one matrix: a camera's radiance to screen primaries.
+// Multiplies the channels of all pixels by one matrix, for example from a camera's radiance to screen primaries.
 //
 // Inputs: `picture`, linear RGB.
 // Output: matrix · picture.

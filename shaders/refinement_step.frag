@@ -1,11 +1,11 @@
 #version 330 core
-// One accelerated projected gradient step towards min ½ Σ w (T p − b)² + ½ pᵀP p, 0 ≤ p ≤ 1 (player/pipeline/refinement.py).
+// Takes one accelerated projected gradient step towards min ½ Σ w (T p − b)² + ½ pᵀP p, 0 ≤ p ≤ 1 (player/pipeline/refinement.py).
 //
-// Inputs, all of the projector's size: `descent`, TᵀW(b − T y); `y`, where it was taken; of P `damping`, `right` and `down`,
-//   η and the ties to the pixels on the right and below (player/maps/prior.py); `p`, the drive of the step before;
+// Inputs, all of the projector's size: `descent`, TᵀW(b − T y); `y`, the point of that gradient; of P `damping`, `right` and
+//   `down`: η and the ties to the pixels on the right and below (player/maps/prior.py); `p`, the drive of the step before;
 //   `step_size`, 0 where no camera pixel is lit, which keeps the pixel dark.
-// Outputs: `next_p`, the drive, 0..1; `next_y`, where the next step looks.
-// Defines: SLOPE gives `slope` alone, TᵀW(b − T y) − P y.
+// Outputs: `next_p`, the drive, 0..1; `next_y`, the point of the next gradient.
+// Defines: SLOPE outputs only `slope`, TᵀW(b − T y) − P y.
 // CPU twin: refinement_step in player/pipeline/reference.py.
 uniform sampler2D descent, y, damping, right, down;
 #ifdef SLOPE

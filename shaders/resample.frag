@@ -1,6 +1,6 @@
 #version 330 core
-// Place a picture along one axis of a target, with a tent filter as wide as a target pixel (never narrower than one
-// source pixel): blurs no more than it must, aliases little. Two passes, x then y, place a picture.
+// Places a picture along one axis of a target. The tent filter is as wide as a target pixel and at least one source pixel,
+// so it blurs little and aliases little. Two passes, x then y, place a picture.
 //
 // Inputs: `source`, linear RGB, row 0 at the top.
 // Output: linear RGB; black outside the placed interval.

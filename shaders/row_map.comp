@@ -1,10 +1,10 @@
 #version 430 core
-// A sparse matrix times a picture, LANES invocations an output pixel (thesis 5.2); row_map.frag is the same in fragments.
+// Multiplies a picture by a sparse matrix, LANES invocations per output pixel (thesis 5.2); row_map.frag does so in fragments.
 //
-// Inputs: `Rows` and `Entries` as player/maps/sliced_map.py lays them out, a workgroup's rows about equally long and their
-//   entries interleaved; `source`, the picture that is multiplied. One index serves the three channels.
+// Inputs: `Rows` and `Entries` in the layout of player/maps/sliced_map.py: the rows of a workgroup have about equal length,
+//   and their entries are interleaved; `source`, the picture. One index serves the three channels.
 // Defines: GROUP, LANES; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product; CLAMP limits the result to 0..1.
-// Output: `target`, output size, one value a row and channel.
+// Output: `target`, output size, one value per row and channel.
 // CPU twin: PreparedRows in player/pipeline/reference.py.
 layout(local_size_x = GROUP) in;
 

@@ -1,13 +1,13 @@
 #version 330 core
-// A sparse matrix times a picture, one output pixel a fragment (thesis 5.2).
+// Multiplies a picture by a sparse matrix, one output pixel per fragment (thesis 5.2).
 //
 // Inputs: `lookup`, output size, (x, y, length) of the row's first entry; `entries`, (w_R, w_G, w_B, index) with
-//   index = x + y·SOURCE_WIDTH; `source`, the picture that is multiplied.
+//   index = x + y·SOURCE_WIDTH; `source`, the picture.
 // Defines: SOURCE_WIDTH, compiled in because the division by a uniform took most of the time on llvmpipe;
-//   WIDE_INDEX reads the index from a texture of its own; TILED draws only rows whose entries are in `lines` lines of
-//   the entries texture from `first_line` on, which this one holds; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
-//   CLAMP limits the result to 0..1.
-// Output: one value a row and channel, output size.
+//   WIDE_INDEX reads the index from a texture of its own; TILED draws only rows whose entries lie in the `lines` lines
+//   from `first_line` on, which this tile of the entries texture holds; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the
+//   product; CLAMP limits the result to 0..1.
+// Output: one value per row and channel, output size.
 // CPU twin: PreparedRows in player/pipeline/reference.py.
 uniform usampler2D lookup;
 uniform sampler2D entries;

@@ -1,12 +1,12 @@
 #version 430 core
-// A sparse matrix in words of 4 bytes times a picture, LANES invocations an output pixel; small_map.frag is the same in
-// fragments, row_map.comp has entries of 16 bytes.
+// Multiplies a picture by a sparse matrix of 4-byte words, LANES invocations per output pixel. small_map.frag does so in
+// fragments; row_map.comp uses entries of 16 bytes.
 //
-// Inputs: `Rows`, `Groups` and `Words` as player/maps/sliced_words.py lays them out; `source`, the picture that is
-//   multiplied; `scale`, of the codes.
-// Defines: GROUP, LANES, SOURCE_WIDTH; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product,
-//   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose; CLAMP limits it to 0..1.
-// Output: `target`, output size, one value a row and channel.
+// Inputs: `Rows`, `Groups` and `Words` in the layout of player/maps/sliced_words.py; `source`, the picture; `scale`, of the
+//   codes.
+// Defines: GROUP, LANES, SOURCE_WIDTH; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
+//   WEIGHED_RESIDUAL multiplies the difference by trust and colour, as source of the transpose; CLAMP limits to 0..1.
+// Output: `target`, output size, one value per row and channel.
 // CPU twin: WordMap.unpacked in player/maps/word_map.py.
 layout(local_size_x = GROUP) in;
 

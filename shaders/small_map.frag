@@ -1,11 +1,11 @@
 #version 330 core
-// A sparse matrix in words of 4 bytes times a picture, one output pixel a fragment; row_map.frag has entries of 16.
+// Multiplies a picture by a sparse matrix of 4-byte words, one output pixel per fragment; row_map.frag uses 16-byte entries.
 //
-// Inputs: `rows`, output size and a line more, the row's first word and, if COLOURED, its colour; `words`, WORDS_ACROSS a
-//   line; `source`, the picture that is multiplied; `scale`, of the codes.
-// Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product,
-//   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose; CLAMP limits it to 0..1.
-// Output: one value a row and channel, output size.
+// Inputs: `rows`, output size and one more line, the row's first word and, if COLOURED, its colour; `words`, WORDS_ACROSS
+//   per line; `source`, the picture; `scale`, of the codes.
+// Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
+//   WEIGHED_RESIDUAL multiplies the difference by trust and colour, as source of the transpose; CLAMP limits to 0..1.
+// Output: one value per row and channel, output size.
 // CPU twin: WordMap.unpacked in player/maps/word_map.py.
 uniform usampler2D rows, words;
 uniform sampler2D source;

@@ -1,6 +1,6 @@
-// Runs of words of 4 bytes (player/maps/small_map.py): Σ code ∘ source, and the row's trust if the run says one.
+// Runs of 4-byte words (player/maps/small_map.py): Σ code ∘ source, and the row's trust if the run holds it.
 //
-// Before it is included: `source`, the picture that is multiplied, `uint word_at(uint k)`, and the define SOURCE_WIDTH.
+// The including file must define `source`, the picture, `uint word_at(uint k)`, and SOURCE_WIDTH.
 const uint JUMP = 0u, THREE = 3u, TRUST = 5u;
 
 struct Run {

@@ -1,5 +1,5 @@
 #version 330 core
-// Two pictures side by side: the left half of one, the right half of the other, a white line between.
+// Shows two pictures in halves: the left half of one, the right half of the other, a white line between.
 //
 // Inputs: `left`, `right`, linear RGB of one size.
 // Output: linear RGB of that size.

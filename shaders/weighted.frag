@@ -1,8 +1,8 @@
 #version 330 core
-// A picture times weights: errors by how far a camera pixel counts, drives by how little of them is seen.
+// Multiplies a picture by weights: errors by the trust in a camera pixel, drives by how little of them is seen.
 //
 // Inputs: `picture`; `weights`, of its size.
-// Defines: SQUARED takes the picture's square.
+// Defines: SQUARED squares the picture first.
 // Output: their product.
 // CPU twin: weighted in player/pipeline/reference.py.
 uniform sampler2D picture, weights;

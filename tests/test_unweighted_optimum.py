@@ -14,7 +14,7 @@ from tests.unweighted import Judge
 
 NEAR_DB = 0.3  # the promise: inside the border, below the optimum
 TIE_DB = 0.01  # float32 light
-ROWS = 26  # of the projector, at most
+ROWS = 22  # of the projector, at most
 
 
 def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
@@ -30,7 +30,7 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
 
 def cards() -> GreyRoom:
     """Cards that light each other, as one dense matrix: bounces are all that is seen of many projector pixels."""
-    return shipped_in_green("folded_cards", (30, 40), (22, 30))
+    return shipped_in_green("folded_cards", (24, 32), (18, 24))
 
 
 @pytest.mark.parametrize("seed", [*range(2 * len(KINDS)), None])

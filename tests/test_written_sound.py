@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.ffmpeg_frames import ffmpeg_frame
-from tests.media import RATE, numbered
+from tests.media import RATE, numbered, write_video
 from tests.programs import command, succeed
 from tests.rooms import write_blurred_room
 
@@ -107,3 +107,9 @@ def test_what_is_not_copied_is_said(room: Path, tmp_path: Path) -> None:
     assert play(room, film, tmp_path / "o.mkv", "--no-audio", "--frames", "2") == ""
     assert play(room, film, tmp_path / "%02d.png", "--frames", "2") == ""
     assert [sound(tmp_path / name) for name in ("o.webm", "o.mp4", "o.mkv")] == [[], [], []]
+
+
+def test_nothing_is_said_of_the_sound_of_a_silent_film(room: Path, tmp_path: Path) -> None:
+    write_video(tmp_path / "film.mkv", [numbered(n) for n in range(3)])
+    assert play(room, tmp_path / "film.mkv", tmp_path / "o.mkv", "--loop", "--frames", "4") == ""
+    assert sound(tmp_path / "o.mkv") == []

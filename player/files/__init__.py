@@ -1,4 +1,4 @@
-"""Files as they are read: opened once, bounded, checked; TOML, OpenEXR, PNG and JPEG, and which generation they are of.
+"""Reads files safely: opened once, size-limited and checked. Handles TOML, OpenEXR, PNG, JPEG, and replaced folders.
 
 May import errors, memory, writing/. Read next: reading.py, tables.py.
 """

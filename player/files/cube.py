@@ -1,10 +1,10 @@
-"""Colour tables in three dimensions: `.cube` files (Adobe, Cube LUT Specification 1.0).
+"""Three-dimensional colour tables: `.cube` files (Adobe, Cube LUT Specification 1.0).
 
-TITLE "a look"            and other words that are not known, which are passed over
+TITLE "a look"            and other unknown keywords, which are ignored
 LUT_3D_SIZE 33            samples along each axis
-DOMAIN_MIN 0 0 0          the codes of the first samples, and
-DOMAIN_MAX 1 1 1          of the last ones
-0.01 0.02 0.03            size³ lines: what a colour becomes; red changes fastest
+DOMAIN_MIN 0 0 0          code values of the first samples
+DOMAIN_MAX 1 1 1          code values of the last samples
+0.01 0.02 0.03            size³ lines of output colours; red changes fastest
 """
 
 from contextlib import suppress
@@ -25,7 +25,13 @@ _DIGITS = tuple("0123456789+-.")
 
 @dataclass(frozen=True, eq=False)
 class Cube:
-    """path : where it was read.  table : (size, size, size, 3), by blue, green, red.  low, high : (3,), codes."""
+    """A colour table.
+
+    path : path of its file.
+    table : (size, size, size, 3) float32, indexed by blue, green, red.
+    low : (3,) float64. Code values of the first samples.
+    high : (3,) float64. Code values of the last samples.
+    """
 
     path: Path
     table: NDArray[np.float32]
@@ -34,7 +40,7 @@ class Cube:
 
 
 def read_cube(path: Path) -> Cube:
-    """A table of three dimensions; InputError for what is none, is cut off, or holds what is no number."""
+    """Read a 3-D table. Raises InputError for another kind of table, a truncated file, or text that is no number."""
     text = read_bytes(path, MAX_BYTES, FIX).decode("utf-8-sig", errors="replace")
     lines = text.splitlines()
     begin = next((number for number, line in enumerate(lines) if line.lstrip()[:1] in _DIGITS), len(lines))
@@ -47,7 +53,10 @@ def read_cube(path: Path) -> Cube:
 
 
 def _colours(path: Path, lines: list[str], begin: int) -> NDArray[np.float32]:
-    """(lines, 3); InputError naming the first line, of those that follow `begin`, that is no three numbers."""
+    """Parse the table, (lines, 3). Raises InputError for the first line without three numbers.
+
+    begin : number of lines before `lines` in the file.
+    """
     if not lines:
         return np.zeros((0, 3), np.float32)
     with suppress(ValueError):
@@ -76,7 +85,7 @@ def _size(path: Path, head: list[tuple[int, list[str]]]) -> int:
 
 
 def _domain(path: Path, head: list[tuple[int, list[str]]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """DOMAIN_MIN and DOMAIN_MAX, or what DaVinci Resolve writes instead."""
+    """Return DOMAIN_MIN and DOMAIN_MAX, or DaVinci Resolve's LUT_3D_INPUT_RANGE."""
     low, high = np.zeros(3), np.ones(3)
     for number, (word, *said) in head:
         values = _numbers(said) if word in ("DOMAIN_MIN", "DOMAIN_MAX") else None
@@ -92,7 +101,7 @@ def _domain(path: Path, head: list[tuple[int, list[str]]]) -> tuple[NDArray[np.f
 
 
 def _numbers(words: list[str], count: int = 3) -> NDArray[np.float64] | None:
-    """So many numbers that float32 holds, or None."""
+    """Parse `count` numbers within float32. Returns None for anything else."""
     try:
         values = np.array(words, np.float64)
     except ValueError:

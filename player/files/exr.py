@@ -1,8 +1,8 @@
-"""OpenEXR files as named channels: the only importer of OpenEXR.
+"""OpenEXR files as named channels. This is the only importer of OpenEXR.
 
-What is stored as it is, such as maps, is written and read in pieces without the library (exr_lines.py).
-The library opens truncated files without a word, so the header is checked against limits before pixels are decoded
-(exr_header.py), and callers that need the pixels to be right compare a checksum first (reading.py).
+Uncompressed files, such as maps, are written and read in pieces without the library (exr_lines.py). The library opens
+truncated files without an error. Therefore the header is checked against limits before pixels are decoded
+(exr_header.py), and callers that need exact pixels compare a checksum first (reading.py).
 """
 
 import errno
@@ -26,36 +26,37 @@ from counterlight.files.exr_header import MAX_PIXELS, Part, read_parts
 from counterlight.files.reading import DescribedFiles, Source, opened
 from counterlight.files.silence import silence
 
-MAX_SURPLUS_BYTES = 1 << 30  # decoded for the sake of three channels among others
+MAX_SURPLUS_BYTES = 1 << 30  # limit for decoding unwanted channels along with wanted ones
 FIX = "export it again"
 _HEADER = {
     "compression": OpenEXR.ZIP_COMPRESSION,
     "type": OpenEXR.scanlineimage,
-}  # ZIP: lossless, read by every version
+}  # ZIP is lossless, and every version reads it
 
 
 @dataclass(frozen=True)
 class Header:
-    """What a file claims before its pixels are decoded: display window size and channel names."""
+    """Claims of a file, known before its pixels are decoded: size of the display window, and channel names."""
 
     height: int
     width: int
     channels: tuple[str, ...]
 
 
-Acceptance: TypeAlias = Callable[[Header, str], None]  # raises InputError, naming the file, for what is not wanted
-Look: TypeAlias = Callable[[NDArray[Any]], None]  # likewise, at rows (rows, columns, channels)
+Acceptance: TypeAlias = Callable[[Header, str], None]  # raises InputError, naming the file, to refuse a header
+Look: TypeAlias = Callable[[NDArray[Any]], None]  # raises InputError to refuse rows, (rows, columns, channels)
 
 
 def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
-    """Write channels of equal shape (rows, columns), float32 or uint32, losslessly; OSError if the system refuses."""
-    # `write` replaces the arrays of the dictionary it gets and misreads strided ones: hence a fresh one, contiguous.
+    """Write channels (rows, columns) of equal shape, float32 or uint32, losslessly. Raises OSError on failure."""
+    # `write` replaces the arrays of its dictionary and misreads strided arrays. Hence a new dictionary of contiguous
+    # arrays.
     contiguous = {name: np.ascontiguousarray(values) for name, values in channels.items()}
     with OpenEXR.File(dict(_HEADER), contiguous) as file:
         try:
             file.write(str(path))
         except RuntimeError as error:
-            reason = str(error).rpartition('". ')[2].rstrip(".")  # after the name of the file
+            reason = str(error).rpartition('". ')[2].rstrip(".")  # the text after the file's name
             raise OSError(errno.EIO, one_line(reason), str(path)) from None
 
 
@@ -65,12 +66,12 @@ def write_rgb(path: Path, linear_rgb: NDArray[np.float32]) -> None:
 
 
 def rgb(picture: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """A picture (rows, columns, 3) as channels."""
+    """Return a picture (rows, columns, 3) as channels."""
     return {name: picture[..., i] for i, name in enumerate("RGB")}
 
 
 def write_plain(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
-    """Write channels of equal shape and type, float32 or uint32, uncompressed and a piece at a time."""
+    """Write channels of equal shape and type, float32 or uint32, uncompressed and in pieces."""
     exr_lines.write(path, channels)
 
 
@@ -81,10 +82,13 @@ def read_beside(
     look: Look = lambda rows: None,
     most: int = MAX_PIXELS,
 ) -> NDArray[Any]:
-    """Decode some channels into one array (rows, columns, names), of the first one's type.
+    """Decode some channels into one array (rows, columns, names), with the type of the first channel.
 
-    look : is shown some rows at a time, as soon as they are read, to refuse what they hold.
-    most : pixels that are read.
+    source : a path or an open file.
+    names : names of the channels.
+    accept : may refuse the header.
+    look : may refuse rows; called with pieces of rows as soon as they are read.
+    most : most pixels that are read.
     """
     with opened(source, FIX) as file:
         parts = _parts(file, most)
@@ -93,9 +97,9 @@ def read_beside(
 
 
 def read_channels(source: Source, accept: Acceptance = lambda header, name: None) -> dict[str, NDArray[Any]]:
-    """Decode every channel (rows, columns) as it is stored, placed in the display window (0 outside its data).
+    """Decode every channel (rows, columns) with its stored type, placed in the display window (0 outside its data).
 
-    accept : looks at the header before pixels are decoded.
+    accept : may refuse the header, before pixels are decoded.
     """
     with opened(source, FIX) as file:
         parts = _parts(file)
@@ -104,7 +108,7 @@ def read_channels(source: Source, accept: Acceptance = lambda header, name: None
 
 
 def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> NDArray[np.float32]:
-    """Read the channels R, G and B, or Y alone, as a float32 picture (rows, columns, 3); see `read_channels`."""
+    """Read channels R, G and B, or Y alone, as a float32 picture (rows, columns, 3); see `read_channels`."""
     with opened(source, FIX) as file:
         parts = _parts(file)
         names = parts[0].channels
@@ -117,13 +121,19 @@ def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> 
 
 
 def read_described(files: DescribedFiles, name: str, shape: tuple[int, int], whose: str) -> NDArray[np.float32]:
-    """A picture of a folder whose table describes its files; its (height, width) is that of `whose`."""
+    """Read a picture of a folder whose files are described by a table. Its (height, width) must be `shape`.
+
+    whose : names the owner of `shape` in the message, such as "the camera".
+    """
     with files.opened(files.folder / name) as file:
         return read_rgb(file, sized(shape, whose, files.fix))
 
 
 def sized(shape: tuple[int, int], whose: str, fix: str) -> Acceptance:
-    """Accept pictures of that (height, width) alone, which is that of `whose`, such as the camera."""
+    """Return a check that accepts only pictures of (height, width) `shape`.
+
+    whose : names the owner of `shape` in the message, such as "the camera".
+    """
 
     def accept(header: Header, name: str) -> None:
         if (header.height, header.width) != shape:
@@ -139,7 +149,7 @@ def _parts(file: BufferedReader, most: int = MAX_PIXELS) -> list[Part]:
 
 @contextmanager
 def _unreadable(file: BufferedReader) -> Iterator[None]:
-    """A ValueError is said of the file."""
+    """Convert a ValueError into an InputError about the file."""
     try:
         yield
     except ValueError as error:
@@ -153,7 +163,7 @@ def _header(part: Part) -> Header:
 def _beside(
     file: BufferedReader, parts: list[Part], names: tuple[str, ...], look: Look = lambda rows: None
 ) -> NDArray[Any]:
-    """Channels in one array; straight from the file where that is possible."""
+    """Read channels into one array, without the library where that is possible."""
     with _unreadable(file):
         lines = exr_lines.lines_of(file, parts[0]) if len(parts) == 1 else None
     if lines is None:
@@ -175,7 +185,7 @@ def _beside(
 
 
 def _decoded(file: BufferedReader, parts: list[Part], wanted: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """The wanted channels of the first part; the library decodes all of every part."""
+    """Decode the wanted channels of the first part. The library decodes all channels of all parts."""
     total = sum(part.nbytes for part in parts)
     surplus = len(parts) > 1 or set(parts[0].channels) - set(wanted)
     if surplus and total > MAX_SURPLUS_BYTES:
@@ -194,7 +204,7 @@ def _decoded(file: BufferedReader, parts: list[Part], wanted: tuple[str, ...]) -
 
 
 def _library_channels(file: BufferedReader) -> dict[str, NDArray[Any]]:
-    """What the library decodes; it prints what is wrong with pixels, and goes on without them."""
+    """Decode with the library, which prints errors about pixels and continues without them."""
     file.seek(0)
     said = io.StringIO()
     try:

@@ -1,7 +1,7 @@
-"""What an OpenEXR file claims, read from its header before the library sees it (openexr.com, "OpenEXR File Layout").
+"""Reads the header of an OpenEXR file before the library does (openexr.com, "OpenEXR File Layout").
 
-The library takes memory for what a header says: a table with an entry a chunk, a buffer a chunk, every channel of every
-part. A file of 400 bytes can so ask for gigabytes; here it is refused, as is what we never show (deep pixels).
+The library allocates memory for what a header claims: a table with an entry per chunk, a buffer per chunk, every
+channel of every part. A file of 400 bytes can claim gigabytes. This module refuses such files, and deep pixels.
 """
 
 import os
@@ -11,17 +11,18 @@ from math import ceil
 from typing import BinaryIO
 
 MAX_PIXELS = 1 << 28  # 16384², the largest 2D texture of common GPUs
-MOST_PIXELS = 1 << 30  # of what is known to be ours, and is read in pieces (exr_lines.py)
+MOST_PIXELS = 1 << 30  # limit for Counterlight's own files, which are read in pieces (exr_lines.py)
 MAGIC, TILED, DEEP, MULTIPART = 20000630, 0x200, 0x800, 0x1000
 LONGEST_NAME, MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 255, 64, 1024, 1024
-MAX_ATTRIBUTE_BYTES = 64 << 20  # of all: previews and lists of what is in the picture are long
+MAX_ATTRIBUTE_BYTES = 64 << 20  # limit of all attributes; previews and lists of picture contents are long
 MAX_CHUNK_BYTES = 1 << 30
-FARTHEST = 1 << 24  # pixels that a window may lie off the origin
-LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32}  # of a chunk, by compression; of others at most:
+FARTHEST = 1 << 24  # largest distance of a window from the origin, in pixels
+# lines per chunk, by compression; at most MOST_LINES for others
+LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32}
 MOST_LINES = 256
-BYTES = {0: 4, 1: 2, 2: 4}  # of a channel's value: UINT, HALF, FLOAT
+BYTES = {0: 4, 1: 2, 2: 4}  # bytes per value of a channel: UINT, HALF, FLOAT
 UINT, FLOAT = 0, 2
-PLAIN = b"\0"  # of compression and line order: none, and from the top
+PLAIN = b"\0"  # value of "no compression", and of "lines from the top"
 
 Window = tuple[int, int, int, int]
 
@@ -30,9 +31,12 @@ Window = tuple[int, int, int, int]
 class Part:
     """One picture of a file.
 
-    display, data : windows (x0, y0, x1, y1), both ends inside.  channels : names, sorted.  pixel_bytes : of one pixel
-    in all channels.  plain : its lines are stored as they are, from the top, all of `kind` (UINT or FLOAT) and nothing
-    around them; None if not.
+    display : window (x0, y0, x1, y1), with both ends inside.
+    data : window (x0, y0, x1, y1), with both ends inside.
+    channels : names, sorted.
+    pixel_bytes : bytes of one pixel in all channels.
+    plain : kind of the values (UINT or FLOAT) if all lines are uncompressed, from the top, and fill the display window;
+        None otherwise.
     """
 
     display: Window
@@ -48,15 +52,17 @@ class Part:
 
     @property
     def nbytes(self) -> int:
-        """What it decodes to."""
+        """Bytes of the decoded part."""
         height, width = _shape(self.data)
         return height * width * self.pixel_bytes
 
 
 def read_parts(file: BinaryIO, most: int = MAX_PIXELS) -> list[Part]:
-    """The parts of a file that is open at its beginning; ValueError for what is no picture, or claims too much.
+    """Return the parts of a file that is open at its beginning. Raises ValueError for no picture or excessive sizes.
 
-    most : pixels of a window. The file of a single part is left open where its header ends.
+    A file with a single part is left at the end of its header.
+
+    most : pixels of a window.
     """
     size = os.fstat(file.fileno()).st_size
     magic, version = struct.unpack("<II", _take(file, 8))
@@ -79,10 +85,10 @@ def read_parts(file: BinaryIO, most: int = MAX_PIXELS) -> list[Part]:
 
 
 def _attributes(file: BinaryIO, most: int) -> dict[str, bytes]:
-    """Name -> value of one header; empty at the end of the headers."""
+    """Return name -> value of one header, empty at the end of the headers."""
     found: dict[str, bytes] = {}
     while name := _name(file):
-        _name(file)  # its type, which the library compares
+        _name(file)  # its type, which the library checks
         (length,) = struct.unpack("<i", _take(file, 4))
         if not 0 <= length <= most or name in found or len(found) >= MOST_ATTRIBUTES:
             raise ValueError("its header is damaged or too long")
@@ -110,7 +116,7 @@ def _part(attributes: dict[str, bytes], *, tiled: bool, size: int, most: int) ->
     rows, columns = chunk or (min(LINES.get(compression, MOST_LINES), height), width)
     if rows * columns * part.pixel_bytes > MAX_CHUNK_BYTES:
         raise ValueError(f"chunks of {columns}x{rows} pixels of {len(channels)} channels")
-    if ceil(height / rows) * ceil(width / columns) * 8 > size:  # one offset a chunk
+    if ceil(height / rows) * ceil(width / columns) * 8 > size:  # one offset per chunk
         raise ValueError("shorter than the table of its chunks")
     return part
 
@@ -126,7 +132,7 @@ def _window(value: bytes, most: int) -> Window:
 
 
 def _channels(value: bytes) -> dict[str, int]:
-    """Name -> kind of its values."""
+    """Return name -> kind of value."""
     found: dict[str, int] = {}
     at = 0
     while value[at] != 0:
@@ -147,12 +153,12 @@ def _channels(value: bytes) -> dict[str, int]:
 
 
 def _are_alike(channels: dict[str, int]) -> bool:
-    """Whether all are of one kind that numpy has and that we write, in the order in which lines hold them."""
+    """Whether all channels have the same kind, UINT or FLOAT, and are sorted as in the lines."""
     return list(channels) == sorted(channels) and set(channels.values()) in ({UINT}, {FLOAT})
 
 
 def _tile(value: bytes) -> tuple[int, int]:
-    """(height, width)."""
+    """Return (height, width)."""
     width, height = struct.unpack("<II", value[:8])
     if not (width and height):
         raise ValueError("tiles without pixels")

@@ -1,11 +1,10 @@
-"""OpenEXR files of uncompressed scan lines, written and read a piece at a time: what is large and does not compress.
+"""Reads and writes OpenEXR files of uncompressed scan lines in pieces, for data that is large and does not compress.
 
-The OpenEXR library reads 120 MiB in 0.33 s and needs 121 MiB besides the array that the values go into. This module
-takes 0.11 s and 1 MiB (four float32 channels of 2800x2800, medians of three). A room's maps can take most of a memory.
-Weights shrink by a fifth with ZIP and take ten times as long to read. A file here is a header, the table of where each
-line begins, and the lines, one as long as the other: y, bytes, and the channels of that line one after the other, by
-name (openexr.com, "OpenEXR File Layout"). Any OpenEXR reader takes it; what is laid out otherwise is left to the
-library (exr.py).
+The OpenEXR library reads 120 MiB in 0.33 s and needs 121 MiB besides the array that receives the values. This module
+takes 0.11 s and 1 MiB (four float32 channels of 2800x2800, medians of three). A room's maps can take most of the
+memory. With ZIP, weights shrink by a fifth and take ten times as long to read. A file is a header, a table with the
+offset of each line, and lines of equal length. A line holds y, its byte count, and its channels in turn, sorted by name
+(openexr.com, "OpenEXR File Layout"). Every OpenEXR reader can read it. exr.py reads files with another layout.
 """
 
 import os
@@ -21,16 +20,18 @@ from numpy.typing import NDArray
 
 from counterlight.files.exr_header import FLOAT, MAGIC, PLAIN, UINT, Part
 
-PIECE_BYTES = 1 << 20  # stays in a processor's cache while it is looked at and put in its place
+PIECE_BYTES = 1 << 20  # stays in a processor's cache while it is checked and copied
 KINDS = {np.dtype(np.uint32): UINT, np.dtype(np.float32): FLOAT}
 TYPES: dict[int, np.dtype[Any]] = {kind: dtype for dtype, kind in KINDS.items()}
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Where the lines of an open file are.
+    """The location of the lines in an open file.
 
-    first : byte of the first one.  line : how one is laid out, (y, bytes, values (channels, width)).
+    first : offset of the first line, in bytes.
+    height : number of lines.
+    line : layout of a line, (y, bytes, values (channels, width)).
     """
 
     first: int
@@ -39,13 +40,13 @@ class Lines:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of the values."""
+        """Type of the values."""
         return self.line["values"].base.newbyteorder("=")
 
     def read(self, file: BufferedReader) -> Iterator[tuple[slice, NDArray[Any]]]:
-        """Pieces from the top: which rows, and their values (rows, channels, width), overwritten by the next piece.
+        """Yield pieces from the top: rows, and their values (rows, channels, width), overwritten by the next piece.
 
-        Raises ValueError for a file that ends early, or whose lines are not what they say.
+        Raises ValueError for a file that ends early, or whose lines are damaged.
         """
         file.seek(self.first)
         buffer = np.empty(_rows_of_a_piece(self.line, self.height), self.line)
@@ -60,9 +61,12 @@ class Lines:
 
 
 def lines_of(file: BufferedReader, part: Part) -> Lines | None:
-    """Where they are, if the file is laid out as `write` does it; it is open where its header ends.
+    """Return the location of the lines, None if the file does not have the layout of `write`.
 
-    Raises ValueError for a file that is, but ends early.
+    Raises ValueError for a file of this layout that ends early.
+
+    file : open at the end of its header.
+    part : the file's only part.
     """
     if part.plain is None or part.data[:2] != (0, 0):
         return None
@@ -78,7 +82,7 @@ def lines_of(file: BufferedReader, part: Part) -> Lines | None:
 
 
 def write(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
-    """Write channels of equal shape (rows, columns) and type, float32 or uint32; they may be strided."""
+    """Write channels of equal shape (rows, columns) and type, float32 or uint32. They may be strided."""
     names = sorted(channels)
     height, width = channels[names[0]].shape
     dtype = channels[names[0]].dtype

@@ -1,4 +1,4 @@
-"""Reading what another process may replace meanwhile: everything of one generation, or again."""
+"""Reads a folder that another process may replace at any time, so that all data is of one generation."""
 
 import os
 from collections.abc import Callable
@@ -14,11 +14,12 @@ T = TypeVar("T")
 
 
 def read_steadily(manifest: Path, read: Callable[[], T]) -> T:
-    """What `read` returns if the folder of `manifest` is the same when it ends as when it began; else it reads again.
+    """Return the result of `read` if the folder stayed the same during the call; otherwise read again.
 
-    manifest : the file of the folder that is written last, so that no two generations share it.
-    Raises what `read` raises if that is not because the folder was replaced. What a killed process had begun to put
-    there is completed first.
+    Completes a killed process's move first. Raises an exception of `read` if the folder stayed the same.
+
+    manifest : the file of the folder that is written last, and so differs between generations.
+    read : reads the folder.
     """
     for _ in range(ATTEMPTS):
         finish(manifest.parent)
@@ -35,7 +36,7 @@ def read_steadily(manifest: Path, read: Callable[[], T]) -> T:
 
 
 def _identity(path: Path) -> tuple[int, ...] | None:
-    """What no two files have that were ever at a path: numbers of files are used again, times are not."""
+    """Return values that no two files at this path share. Inode numbers are reused, but times are not."""
     try:
         status = os.stat(path)
     except OSError:

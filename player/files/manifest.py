@@ -1,4 +1,4 @@
-"""Files that are what they were described to be: checksums, and TOML."""
+"""Checksums of files, and TOML output."""
 
 import hashlib
 import os
@@ -15,9 +15,9 @@ def sha256_of(path: Path) -> str:
 
 
 def describe_files(folder: Path) -> dict[str, dict[str, Any]]:
-    """Size and SHA-256 of every file below `folder`, by relative POSIX path: what `DescribedFiles` compares with."""
+    """Return size and SHA-256 of every file below `folder`, by relative POSIX path, for `DescribedFiles`."""
     paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # hashing leaves Python's lock to others
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # hashing releases the GIL
         return {
             path.relative_to(folder).as_posix(): {"bytes": path.stat().st_size, "sha256": checksum}
             for path, checksum in zip(paths, threads.map(sha256_of, paths), strict=True)

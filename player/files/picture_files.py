@@ -1,8 +1,8 @@
-"""Photographs as they were stored: PNG and JPEG, proven whole, and of the size they claim, before they are decoded.
+"""Reads PNG and JPEG pictures as stored. Checks that they are complete and of a plausible size before decoding.
 
-OpenCV decodes a truncated PNG or JPEG without complaint, the missing part black or grey: a Gray-code capture would
-decode to wrong coordinates. So the file's own structure is walked to its end first. A hundred bytes that claim a
-gigabyte of pixels are refused as well: neither format packs pixels as tightly.
+OpenCV decodes a truncated PNG or JPEG without an error, with the missing part black or grey. A Gray-code capture would
+then decode to wrong coordinates. Therefore this module first walks through the file's structure to its end. It also
+refuses files of a hundred bytes that claim a gigabyte of pixels, because neither format compresses that far.
 """
 
 import re
@@ -23,14 +23,14 @@ from counterlight.files.silence import silence
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 MAX_SIDE = 16384
-MAX_BYTES, EXTRA_BYTES = 1 << 30, 64 << 20  # of a file: at most, and beside its pixels
+MAX_BYTES, EXTRA_BYTES = 1 << 30, 64 << 20  # most bytes of a file; most bytes besides its pixels
 PIXEL_BYTES = 8  # four values of 16 bits
 FIX = "copy it from the camera again, or save it as PNG"
 JPEG_START = b"\xff\xd8"
 PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type
-MOST_CHUNKS, MOST_SEGMENTS, MOST_SCANS = 1 << 18, 10000, 64  # a decoder goes through the whole picture for each scan
-DEFLATE_RATIO = 1032  # no stream of zlib's unpacks to more
-JPEG_RATIO = 1024  # pixels a byte: each 8x8 block takes a bit at least
+MOST_CHUNKS, MOST_SEGMENTS, MOST_SCANS = 1 << 18, 10000, 64  # a decoder processes the whole picture for each scan
+DEFLATE_RATIO = 1032  # largest ratio of zlib
+JPEG_RATIO = 1024  # pixels per byte: each 8x8 block takes at least a bit
 EOI, SOS = 0xD9, 0xDA
 FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _MARKER = re.compile(rb"\xff[^\xff\x00\x01\xd0-\xd8]")  # 0: a stuffed byte of the coded picture; FF: padding
@@ -41,8 +41,11 @@ AS_STORED = UPRIGHT | cv2.IMREAD_IGNORE_ORIENTATION
 def read_picture(source: Source, most: int = MAX_SIDE**2, *, upright: bool = False) -> NDArray[Any]:
     """Decode a whole PNG or JPEG: (height, width) or (height, width, 3) RGB, uint8 or uint16, alpha dropped.
 
-    most : pixels that are wanted.  upright : apply an orientation tag, else the pixels stay as the camera stored them.
     Raises InputError for a missing, truncated or damaged file, another format, or more than 16384 pixels a side.
+
+    source : a path or an open file.
+    most : most pixels that are accepted.
+    upright : whether to apply an orientation tag. Otherwise the pixels stay as the camera stored them.
     """
     with opened(source, "check the path") as file:
         content = read_bytes(file, min(most * PIXEL_BYTES + EXTRA_BYTES, MAX_BYTES), FIX)
@@ -50,7 +53,7 @@ def read_picture(source: Source, most: int = MAX_SIDE**2, *, upright: bool = Fal
 
 
 def decode(content: bytes, name: str, most: int = MAX_SIDE**2, *, upright: bool = False) -> NDArray[Any]:
-    """See `read_picture`; the name is for complaints."""
+    """Decode the content of a file, see `read_picture`. The name is for messages."""
     try:
         measured = _png_size if content.startswith(PNG_SIGNATURE) else _jpeg_size
         height, width = measured(content)
@@ -73,12 +76,12 @@ def decode(content: bytes, name: str, most: int = MAX_SIDE**2, *, upright: bool 
 
 
 def grey(picture: NDArray[Any]) -> NDArray[Any]:
-    """What `read_picture` gives, in grey: (height, width) of the same type."""
+    """Convert a picture of `read_picture` to grey: (height, width), same type."""
     return picture if picture.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
 
 
 def _png_size(content: bytes) -> tuple[int, int]:
-    """(height, width) of a PNG whose chunks are all there with their checksums; ValueError otherwise."""
+    """Return (height, width) of a PNG with all its chunks and correct checksums. Raises ValueError otherwise."""
     whole, at, kind, coded, header = memoryview(content), len(PNG_SIGNATURE), b"", 0, b""
     for _ in range(MOST_CHUNKS):
         if kind == b"IEND":
@@ -105,7 +108,7 @@ def _png_size(content: bytes) -> tuple[int, int]:
 
 
 def _jpeg_size(content: bytes) -> tuple[int, int]:
-    """(height, width) of a JPEG that reaches its end marker (FF D9); ValueError otherwise."""
+    """Return (height, width) of a JPEG that reaches its end marker (FF D9). Raises ValueError otherwise."""
     if not content.startswith(JPEG_START):
         raise ValueError("neither PNG nor JPEG")
     sizes, scans = [], 0
@@ -126,7 +129,7 @@ def _jpeg_size(content: bytes) -> tuple[int, int]:
 
 
 def _jpeg_markers(content: bytes) -> Iterator[tuple[int, int]]:
-    """Each marker and where its segment starts. Thumbnails lie inside segments and are stepped over."""
+    """Yield each marker and the start of its segment. Skips the thumbnails inside segments."""
     at = len(JPEG_START)
     for _ in range(MOST_SEGMENTS):
         found = _MARKER.search(content, at)

@@ -1,4 +1,4 @@
-"""PNG files, encoded in memory: cv2.imwrite does not notice what the system refuses when a file is closed."""
+"""Encodes PNG files in memory, because cv2.imwrite ignores errors of the system when it closes a file."""
 
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,12 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def encode_png(picture: NDArray[Any]) -> bytes:
-    """A picture (rows, columns) or (rows, columns, 3) of R, G and B; uint8 or uint16."""
+    """Encode a picture (rows, columns) or (rows, columns, 3) RGB; uint8 or uint16."""
     done, content = cv2.imencode(".png", picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1]))
     assert done
     return content.tobytes()
 
 
 def write_png(path: Path, picture: NDArray[Any]) -> None:
-    """Write what `encode_png` makes of a picture; OSError where the system refuses."""
+    """Encode a picture as `encode_png` does, and write it. Raises OSError if the system refuses."""
     path.write_bytes(encode_png(picture))

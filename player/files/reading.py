@@ -1,8 +1,8 @@
-"""Files from outside: opened once, regular, read up to a limit, compared with their checksum; TOML at a bounded cost.
+"""Opens files safely: once, regular files only, up to a size limit, with a checksum. Parses TOML at a bounded cost.
 
-Whatever a command or the player reads may be damaged, replaced, or made to harm. A pipe would block, a device never
-end, a file be exchanged between a check and its use: so a file is opened here, once and without waiting, and what was
-checked is what is read. Numbers and texts of a table are checked by player/files/tables.py.
+Every file may be damaged, replaced or malicious. A pipe would block, a device would never end, and a file could be
+replaced between a check and its use. Therefore each file is opened once and without waiting, and the checked file is
+the file that is read. player/files/tables.py checks the values of a table.
 """
 
 import hashlib
@@ -19,14 +19,14 @@ from typing import Any, TypeAlias
 
 from counterlight.errors import InputError, one_line, shown
 
-Source: TypeAlias = Path | BufferedReader  # a path, or a file that is open already
+Source: TypeAlias = Path | BufferedReader  # a path, or an open file
 
 CHUNK = 1 << 20
-MAX_BYTES = 17 << 30  # of any file that is checked, the largest map among them: to be hashed takes seconds
+MAX_BYTES = 17 << 30  # limit of every checked file; the largest map is hashed in seconds
 MAX_TOML_BYTES = 1 << 20  # a calibration of 8 projectors with measured responses has 0.2 MB
-MOST_PARTS = 32  # of a dotted key: tomllib takes their square, times the lines below a [header] of them
+MOST_PARTS = 32  # parts of a dotted key; tomllib's time grows with their square, times the lines below their [header]
 LONG_INTEGER = "an integer of more than 64 bits"
-# Of a line of TOML only what could be a key matters; strings, numbers and comments are stepped over, each once.
+# Only possible keys matter here. Strings, numbers and comments are skipped in one step each.
 _PART = r"""(?:[\w+-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
 _TOKEN = re.compile(
     rf"""(?P<long>{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_PARTS}}})"""
@@ -39,16 +39,19 @@ _KINDS = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISCHR, 
 
 @contextmanager
 def opened(source: Source, fix: str) -> Iterator[BufferedReader]:
-    """A regular file, from its beginning; its `name` is the path. What is open already is passed on.
+    """Yield a regular file, at its beginning; its `name` is the path. An open file is passed through.
 
-    Raises InputError, ending in `fix`, where there is none; with other advice where the system refuses to read it.
+    Raises InputError if the file is missing, not regular or unreadable.
+
+    source : a path or an open file.
+    fix : advice that ends most messages.
     """
     if not isinstance(source, Path):
         source.seek(0)
         yield source
         return
     try:
-        # O_NONBLOCK: a pipe that nobody writes to would wait for ever.
+        # O_NONBLOCK, because a pipe without a writer would block for ever.
         with open(source, "rb", opener=lambda path, flags: os.open(path, flags | os.O_NONBLOCK)) as file:
             mode = os.fstat(file.fileno()).st_mode
             if not stat.S_ISREG(mode):
@@ -66,11 +69,11 @@ def opened(source: Source, fix: str) -> Iterator[BufferedReader]:
 
 
 def read_bytes(source: Source, most: int, fix: str) -> bytes:
-    """Everything that a regular file holds; InputError if it is more than `most` bytes, however long it says it is."""
+    """Return the content of a regular file. Raises InputError if it actually has more than `most` bytes."""
     with opened(source, fix) as file:
         size = os.fstat(file.fileno()).st_size
         content = file.read(size + 1) if size <= most else b""
-        while size <= most and (more := file.read(CHUNK)):  # it grows, or never told its size (/proc)
+        while size <= most and (more := file.read(CHUNK)):  # the file grows, or declares no size (/proc)
             content += more
             size = len(content)
         if size > most:
@@ -80,7 +83,12 @@ def read_bytes(source: Source, most: int, fix: str) -> bytes:
 
 @dataclass(frozen=True)
 class DescribedFiles:
-    """A folder's files by the table that `describe_files` made of them; `fix` ends every complaint."""
+    """Access to a folder's files by the table that `describe_files` made of them.
+
+    folder : folder of the files.
+    described : relative path -> size and SHA-256.
+    fix : advice that ends every message.
+    """
 
     folder: Path
     described: Mapping[str, Any]
@@ -91,7 +99,7 @@ class DescribedFiles:
 
     @contextmanager
     def opened(self, path: Path) -> Iterator[BufferedReader]:
-        """A file in the folder or below, if it is byte for byte the one that was described; InputError otherwise."""
+        """Yield a file of the folder if it equals the described file byte for byte. Raises InputError otherwise."""
         name = path.relative_to(self.folder).as_posix()
         expected = self.described.get(name)
         if not isinstance(expected, dict):
@@ -112,18 +120,18 @@ class DescribedFiles:
 
 
 def is_below(name: str) -> bool:
-    """Whether a path that a file gives stays below the folder it is relative to."""
+    """Whether a relative path from a file stays below its folder."""
     path = PurePosixPath(name)
     return not (path.is_absolute() or ".." in path.parts or "\0" in name)
 
 
 def read_toml(path: Path, fix: str) -> dict[str, Any]:
-    """Parse a TOML file; InputError ending in `fix` when it is missing, too large, too deep or no TOML."""
+    """Parse a TOML file. Raises InputError, ending in `fix`, if it is missing, too large, too deep or invalid."""
     return parse_toml(read_bytes(path, MAX_TOML_BYTES, fix), path, fix)
 
 
 def parse_toml(content: bytes, where: Path, fix: str) -> dict[str, Any]:
-    """See `read_toml`; at most MAX_TOML_BYTES take under a second."""
+    """Parse TOML text, see `read_toml`. MAX_TOML_BYTES take less than a second."""
     try:
         text = content.decode("utf-8")
         _refuse_long_keys(text)
@@ -133,7 +141,7 @@ def parse_toml(content: bytes, where: Path, fix: str) -> dict[str, Any]:
         raise InputError(f"{where}: not valid TOML (nested too deeply); {fix}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{where}: not valid TOML ({one_line(error)}); {fix}") from None
-    except ValueError:  # of int(), for thousands of digits
+    except ValueError:  # int() refuses thousands of digits
         raise InputError(f"{where}: not valid TOML ({LONG_INTEGER}); {fix}") from None
     return table
 
@@ -143,11 +151,11 @@ def _refuse_long_keys(text: str) -> None:
         if token["long"]:
             raise tomllib.TOMLDecodeError(f"a dotted key of more than {MOST_PARTS} parts")
         if token["open"] or token["unclosed"]:
-            return  # a string that does not end: tomllib says where
+            return  # an unterminated string, which tomllib reports
 
 
 def _refuse_long_integers(table: dict[str, Any]) -> None:
-    """TOML's integers have 64 bits; tomllib takes any, which neither float() nor a message can."""
+    """Refuse integers of more than 64 bits. tomllib accepts them, but float() and messages cannot handle them."""
     left: list[Any] = [table]
     while left:
         value = left.pop()

@@ -1,4 +1,4 @@
-"""Libraries that write to the process's own error output, below Python."""
+"""Silences libraries that write to the process's error output, below Python."""
 
 import os
 import tempfile
@@ -12,9 +12,9 @@ _ONE = threading.Lock()
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Nothing goes to the process's error output: OpenEXR and libpng write a line there for each thing they dislike.
+    """Suppress the process's error output, because OpenEXR and libpng print a line there for each problem.
 
-    What is wrong is said in one line by whoever called them. One thread at a time: the output is the process's.
+    The caller reports errors in one line. Only one thread at a time, because the output belongs to the process.
     """
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
@@ -26,7 +26,10 @@ def silence() -> Iterator[None]:
 
 @contextmanager
 def overheard() -> Iterator[list[str]]:
-    """Silence; the list holds, at the end, the lines that would have been: LibRaw tells damage in no other way."""
+    """Suppress the process's error output, and yield a list that receives its lines at the end.
+
+    LibRaw reports damage in no other way.
+    """
     lines = list[str]()
     with tempfile.TemporaryFile() as file:
         with _redirected(file.fileno()):
@@ -37,11 +40,11 @@ def overheard() -> Iterator[list[str]]:
 
 @contextmanager
 def _redirected(descriptor: int) -> Iterator[None]:
-    """The process's error output goes there."""
+    """Redirect the process's error output to a descriptor."""
     with _ONE:
         try:
             before = os.dup(STDERR)
-        except OSError:  # closed
+        except OSError:  # error output is closed
             yield
             return
         try:

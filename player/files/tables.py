@@ -1,4 +1,4 @@
-"""Checked access to the tables of TOML files: every complaint names the file, the table and the key.
+"""Checked access to the tables of TOML files. Every message names the file, the table and the key.
 
 Types are exact (true is no number), numbers finite and in range, texts and lists bounded, paths below a folder.
 """
@@ -16,13 +16,14 @@ from counterlight.files.reading import is_below
 
 Vector = NDArray[np.float64]
 LONGEST_TEXT, MOST_TABLES, MOST_ROWS = 1000, 1000, 4096
-COMPARED = 100  # keys that a missing one may have been meant by
+COMPARED = 100  # unknown keys that are compared with a missing key
 
 
 class Table:
-    """A TOML table with checked access, remembering which keys were asked for.
+    """A TOML table with checked access, which remembers the keys that were read.
 
-    where : what complaints begin with.  fix : what they end with, if anything.
+    where : beginning of every message.
+    fix : advice at the end of every message.
     """
 
     def __init__(self, values: Mapping[str, Any], where: str, fix: str = "") -> None:
@@ -46,7 +47,7 @@ class Table:
         return [Table(entry, f"{self.where}: {key} {index}", self.fix) for index, entry in enumerate(value, 1)]
 
     def format(self, expected: int) -> None:
-        """InputError unless the key `format` is that number."""
+        """Raise InputError unless the key `format` is `expected`."""
         found = self.values.get("format")
         if type(found) is not int or found != expected:
             raise self.refusal(f": format {shown(found)}, this version reads {expected}")
@@ -58,7 +59,7 @@ class Table:
         return value
 
     def path(self, key: str, folder: Path) -> Path:
-        """A file in `folder` or below."""
+        """Return a path in `folder` or below."""
         name = self.text(key)
         if not is_below(name):
             raise self.wrong(key, f"a path relative to {folder}, without '..'")
@@ -86,7 +87,7 @@ class Table:
         return value
 
     def size(self, key: str, most: int) -> tuple[int, int]:
-        """[width, height] in at most `most` pixels -> (height, width)."""
+        """Read [width, height] of at most `most` pixels. Returns (height, width)."""
         value = self.raw(key, None)
         if not (isinstance(value, list) and len(value) == 2 and all(type(n) is int and n > 0 for n in value)):
             raise self.wrong(key, "[width, height]")
@@ -102,7 +103,7 @@ class Table:
         return self.numbers(key, 3, None, 0.0, 1.0)
 
     def rows(self, key: str, count: int | None, width: int, low: float, high: float) -> Vector:
-        """(count, width) numbers, a list of lists; count None for two or more."""
+        """Read a list of lists as numbers, (count, width). If `count` is None, any number of rows ≥ 2 is valid."""
         value = self.raw(key, None)
         fits = isinstance(value, list) and (len(value) == count if count else 2 <= len(value) <= MOST_ROWS)
         if not fits:
@@ -122,21 +123,21 @@ class Table:
         return np.array(listed, np.float64)
 
     def refuse_unknown(self) -> None:
-        """InputError for keys that nobody asked for."""
+        """Raise InputError for keys that were never read."""
         for key in self.values:
             if key not in self._known:
                 hint = nearest(key, self._known) or f"; known are {', '.join(sorted(self._known))}"
                 raise InputError(f"{self.where}: unknown key {shown(key)}{hint}")
 
     def wrong(self, key: str, expected: str) -> InputError:
-        """What to raise for a value that is not what was expected."""
+        """Return the error for a value that was not expected."""
         return self.refusal(f", {key}: found {shown(self.values.get(key))}, expected {expected}")
 
     def refusal(self, complaint: str) -> InputError:
         return InputError(f"{self.where}{complaint}{'; ' if self.fix else ''}{self.fix}")
 
     def raw(self, key: str, default: Any) -> Any:
-        """A value of any kind, for the caller to check."""
+        """Return a value of any type, for the caller to check."""
         self._known.add(key)
         value = self.values.get(key, default)
         if value is None:

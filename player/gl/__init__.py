@@ -1,7 +1,7 @@
 """OpenGL: the only importer of moderngl and glfw.
 
 Holds the passes (one object each, built once, released by its maker), the device that makes them, and the window.
-OpenGL's flipped rows exist only here. Every shader in `shaders/` has a CPU twin in player/pipeline/reference.py.
+OpenGL's flipped rows exist only here. Every shader in `shaders/` has a CPU function in player/pipeline/reference.py.
 Read next: device.py.
 """
 
@@ -11,9 +11,9 @@ from pathlib import Path as _Path
 
 
 def _choose_glfw() -> None:
-    """Have the glfw package load its library for X11, on Wayland as well, where windows can otherwise not be placed.
+    """Make the glfw package load its X11 library, also on Wayland, where windows cannot be placed otherwise.
 
-    The package would choose by the kind of session, and ask a child process for the version (0.05 s).
+    By default, the package chooses by session type, and starts a child process to read the version (0.05 s).
     """
     found = _find_spec("glfw")
     library = _Path(found.origin).parent / "x11" / "libglfw.so" if found is not None and found.origin else None

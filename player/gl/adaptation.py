@@ -1,6 +1,6 @@
-"""The scale and offset that a frame is adapted by.
+"""Computes the scale and offset that adapt a frame to the room.
 
-They are found by sums over the camera's view, in tiles, then all together; nothing is read back.
+Sums over the camera's view are computed in tiles and then added; nothing is read back.
 """
 
 from collections.abc import Mapping
@@ -16,9 +16,10 @@ PERCENT = 0.01
 
 
 class Adapter:
-    """(s, o) of a frame (player/pipeline/content.py), in the only texel of a texture.
+    """Computes (s, o) of a frame (player/pipeline/content.py) into a texture of one texel.
 
-    near_light : u -> u − F u.  ambient, most : radiance, of the camera's size; see shaders/clip_sums.frag.
+    near_light : u -> u − F u.
+    ambient, most : radiance textures of the camera's size; see shaders/clip_sums.frag.
     """
 
     def __init__(
@@ -49,7 +50,12 @@ class Adapter:
         self._before.clear()
 
     def set(self, adapt: float, unit: float, black_level: float) -> None:
-        """adapt : percent of the light that may clip.  unit : share of white of a picture's 1."""
+        """Set the parameters of the adaptation.
+
+        adapt : percent of the light that may clip.
+        unit : share of white that a picture's 1 stands for.
+        black_level : share of white that black asks for.
+        """
         self._shares.set(unit=unit, black_level=black_level)
         self._offset_sums.set(budget=adapt * PERCENT / 2)
         self._scale_sums.set(budget=adapt * PERCENT)
@@ -73,7 +79,7 @@ class Adapter:
 
 
 class _Sums:
-    """The sums of 16 candidates, OFFSETS or SCALES, as four texels."""
+    """Computes the sums of 16 candidates, OFFSETS or SCALES, into four texels."""
 
     def __init__(
         self,

@@ -14,8 +14,8 @@ from counterlight.maps.sliced_map import GROUP, Part, lanes_of, parts
 from counterlight.pipeline.device import LONG_BYTES, Owner
 
 VERSION = 430
-PART_ENTRIES = 1 << 23  # of a buffer, though drivers would take larger ones: the player arranges a part at a time
-ROWS, ENTRIES, TARGET = 0, 1, 0  # bindings of buffers, and of the image
+PART_ENTRIES = 1 << 23  # entries per buffer; drivers allow more, but the player arranges one part at a time
+ROWS, ENTRIES, TARGET = 0, 1, 0  # bindings of the buffers, and of the image
 
 
 def supports_compute(context: moderngl.Context) -> bool:
@@ -54,7 +54,7 @@ def _bound(part: Part) -> dict[int, UintArray]:
 
 
 class PartBuffers:
-    """What one dispatch of `groups` workgroups reads, each array at its binding."""
+    """The buffers that one dispatch of `groups` workgroups reads, by binding."""
 
     def __init__(self, context: moderngl.Context, bound: Mapping[int, UintArray], groups: int) -> None:
         self._owner, self.groups = Owner(), groups
@@ -73,7 +73,7 @@ class PartBuffers:
 
 
 class Buffers(Protocol):
-    """What a compute pass multiplies with."""
+    """A map in buffers, as a compute pass reads it."""
 
     @property
     def output_shape(self) -> tuple[int, int]: ...
@@ -83,7 +83,7 @@ class Buffers(Protocol):
 
 
 class ComputePass:
-    """target = Σ weights · source, combined with the base as the defines say; as RowMapPass and SmallPass."""
+    """target = Σ weights · source, combined with the base as the defines say. Used like RowMapPass and SmallPass."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class ComputePass:
 
 
 def _buffer(context: moderngl.Context, data: np.ndarray) -> moderngl.Buffer:
-    """A buffer of these values; InputError if the GPU has no memory for it."""
+    """Return a buffer with these values; raises InputError if the GPU's memory is full."""
     buffer = context.buffer(np.ascontiguousarray(data)) if data.size else context.buffer(reserve=data.itemsize * 4)
     if context.error != "GL_NO_ERROR":
         buffer.release()

@@ -1,4 +1,4 @@
-"""Windows without a GPU: compiled passes make the picture (pipeline/cpu_renderer.py), and OpenGL only shows it."""
+"""Windows without GPU computation: pipeline/cpu_renderer.py makes the picture, and OpenGL only shows it."""
 
 import moderngl
 import numpy as np
@@ -9,7 +9,7 @@ from counterlight.pipeline.room import Room
 
 
 class ComputedRenderer(WindowRenderer):
-    """Codes of 8 bits, whatever the window has."""
+    """Renders 8-bit code values, whatever the window's depth."""
 
     def __init__(self, context: moderngl.Context, room: Room) -> None:
         self._context = context
@@ -28,5 +28,5 @@ class ComputedRenderer(WindowRenderer):
 
     @property
     def encoded_texture(self) -> moderngl.Texture:
-        """RGB8: of the projector, or of the camera."""
+        """RGB8 texture of the projector's view or the camera's view."""
         return self._texture

@@ -8,22 +8,23 @@ import moderngl
 
 from counterlight.errors import InputError
 
-PACKAGES = "libegl1 libgl1"  # OpenGL and its drivers, as counterlight doctor names them
+PACKAGES = "libegl1 libgl1"  # OpenGL and its drivers, as named by counterlight doctor
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "gdi generic", "basic render")
 
 
 @contextmanager
 def headless_context(instead: str = "") -> Iterator[moderngl.Context]:
-    """A standalone OpenGL 4.3 context through EGL (a GPU, or Mesa's llvmpipe), else 3.3, released at the end.
+    """Open a standalone OpenGL 4.3 context through EGL (a GPU, or Mesa's llvmpipe), else 3.3; released at the end.
 
-    instead : an option of the command that does without OpenGL, for the error.
-    Raises InputError with the fix when there is none.
+    instead : option of the command that avoids OpenGL, named in the error.
+
+    Raises InputError with the fix if there is no OpenGL.
     """
     settings: dict[str, Any] = {"standalone": True, "backend": "egl"}
     try:
         try:
             context = moderngl.create_context(require=430, **settings)
-        except Exception:  # moderngl and glcontext raise bare ones
+        except Exception:  # moderngl and glcontext raise bare exceptions
             context = moderngl.create_context(require=330, **settings)
     except Exception as error:
         raise InputError(
@@ -37,5 +38,5 @@ def headless_context(instead: str = "") -> Iterator[moderngl.Context]:
 
 
 def in_software(name: str) -> bool:
-    """Whether OpenGL runs on the processor.  name : of its renderer, as OpenGL tells it."""
+    """Whether OpenGL runs on the processor. name : the renderer name that OpenGL reports."""
     return any(word in name.lower() for word in SOFTWARE)

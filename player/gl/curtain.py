@@ -1,6 +1,6 @@
-"""python -m counterlight.gl.curtain [MONITOR…]: monitors filled with black, below a show and where there is none.
+"""python -m counterlight.gl.curtain [MONITOR…]: fills monitors with black, below a show and between shows.
 
-Needs no calibration, no shader and no OpenGL, and beats like the player. A monitor that is not there is waited for.
+Needs no calibration, shader or OpenGL, and sends heartbeats like the player. It waits for a missing monitor.
 """
 
 import os
@@ -27,16 +27,16 @@ HINTS = {
 
 
 class Curtain:
-    """Black on the monitor of a name or number, as soon as it is there."""
+    """Black on the monitor of a name or number, as soon as that monitor is connected."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._filling: Filling | None = None
 
     def follow(self, monitors: Sequence[Monitor]) -> str | None:
-        """Be where the monitor is now.  monitors : those that are there.  Returns what is wrong, once."""
+        """Move to the monitor's current place. monitors : the connected ones. Returns a complaint, once per problem."""
         if self._filling is None:
-            with suppress(InputError):  # it may come
+            with suppress(InputError):  # the monitor may still be connected
                 monitor = find_monitor(monitors, self._name)
                 self._filling = Filling(_window(monitor), monitor, Layer.CURTAIN)
             return None
@@ -55,7 +55,7 @@ def _main(argv: Sequence[str] | None) -> None:
     heartbeat = Heartbeat(None, Notifier(os.environ.get("NOTIFY_SOCKET")))
     try:
         while True:
-            with suppress(InputError):  # the server is between two settings of its monitors: again, soon
+            with suppress(InputError):  # the server is changing its monitors: try again soon
                 monitors = list_monitors()
             for curtain in curtains:
                 complaint = curtain.follow(monitors)

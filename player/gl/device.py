@@ -1,4 +1,4 @@
-"""OpenGL as a device of the pipeline; see counterlight.pipeline.device."""
+"""The pipeline's device for OpenGL; see counterlight.pipeline.device."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,9 +22,9 @@ CODES = {8: 0x8058, 10: 0x8059}  # internal formats: RGBA8, RGB10_A2
 
 
 class GlDevice:
-    """Pictures are RGBA32F textures. The caller owns the context.
+    """Makes pictures as RGBA32F textures. The caller owns the context.
 
-    bits : of the code values that are encoded, 8 or 10.
+    bits : bits per encoded code value, 8 or 10.
     """
 
     def __init__(self, context: moderngl.Context, bits: int = 8) -> None:
@@ -74,7 +74,7 @@ class GlDevice:
 
 
 class _Encoder:
-    """encode.frag."""
+    """The pass encode.frag with its tables."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class _Encoder:
 
 
 class _Stepper:
-    """refinement_step.frag, by turns into two pairs of targets."""
+    """The pass refinement_step.frag, alternating between two pairs of targets."""
 
     def __init__(
         self,
@@ -168,7 +168,7 @@ class _Target:
 
 
 class _Total:
-    """A picture summed to one pixel, block by block."""
+    """Sums a picture to one pixel, block by block."""
 
     def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
         self._passes: list[Pass] = []

@@ -1,6 +1,6 @@
-"""The windows of one projector or of several, which show their regions of one picture (docs/displays.md).
+"""The windows of one or several projectors, each showing its region of one picture (docs/displays.md).
 
-The renderer works in the first window's context; the others share its textures.
+The renderer works in the first window's context; the other windows share its textures.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,9 +18,9 @@ from counterlight.raster import Region
 
 
 class Displays:
-    """Several windows as one display: keys from any of them, and what is asked for is done by all.
+    """Several windows that act as one display: keys come from any window, and requests apply to all.
 
-    Text and views other than the projectors' are shown in the first; such a view leaves the others black.
+    The first window shows text and views other than the projectors'; the other windows are then black.
     """
 
     def __init__(self, windows: Sequence[Window], regions: Sequence[Region]) -> None:
@@ -34,11 +34,11 @@ class Displays:
 
     @property
     def bits(self) -> int:
-        """Of a code value that every window can show."""
+        """Bits per code value that every window can show."""
         return min(window.bits for window in self._windows)
 
     def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool]) -> None:
-        """Say where the rendered view is found, and whether that is the raster of all projectors."""
+        """Set where the rendered view is found, and whether it is the raster of all projectors."""
         self._picture, self._drive = picture, drive
 
     @property
@@ -55,7 +55,7 @@ class Displays:
 
     @property
     def monitor(self) -> str:
-        """Names of the windows' monitors, commas between them."""
+        """Names of the windows' monitors, separated by commas."""
         return ", ".join(window.monitor for window in self._windows)
 
     def poll(self, timeout_s: float) -> list[str]:
@@ -72,8 +72,8 @@ class Displays:
     def present(self, page: Page | None, *, black: bool) -> None:
         """Draw in every window, then show all.
 
-        Each is finished before any is shown, so that they change together, and before the renderer, in another
-        context, writes the next picture into the texture that they read.
+        Every window finishes drawing before any is shown, so that they change together. Drawing also ends before the
+        renderer, in another context, writes the next picture into the shared texture.
         """
         picture, drive = None if black else self._picture(), self._drive()
         drawn = []
@@ -91,7 +91,7 @@ class Displays:
         self._first.make_current()
 
     def reload(self) -> None:
-        """Compile the shader that presents again, for every window."""
+        """Recompile the presenting shader for every window."""
         try:
             for window in self._windows:
                 window.reload()
@@ -103,14 +103,14 @@ class Displays:
             window.set_title(title)
 
     def set_fullscreen(self, on: bool) -> None:
-        """Fill every projector's monitor, or none; InputError if one is not there or two are the same."""
+        """Fill every projector's monitor, or none; raises InputError if a monitor is missing or named twice."""
         if on:
             refuse_shared([window.wanted_monitor for window in self._windows])
         for window in self._windows:
             window.set_fullscreen(on)
 
     def move_to(self, monitor: object) -> None:
-        """Go to the monitors of as many names or numbers, commas between them."""
+        """Move the windows to monitors, given as names or numbers separated by commas."""
         names = [name.strip() for name in str(monitor).split(",")]
         for window, wanted in zip(self._windows, _find_all(names, len(self._windows)), strict=True):
             window.move_to(wanted.name)
@@ -135,11 +135,11 @@ def open_display(
     vsync: bool,
     bits: int | None = None,
 ) -> Iterator[Window | Displays]:
-    """A window for every region, closed at the end, its context released. Raises InputError as `Window`.
+    """Open a window per region; windows and context are released at the end. Raises InputError as `Window` does.
 
-    monitors : name or number of each projector's, where its window goes full screen.
-    bits : of a code value, 8 or 10; None for what each monitor is set to.
-    there : whether the windows stand there from the beginning; if not, several stand side by side as in the raster.
+    monitors : name or number of each projector's monitor, for full screen.
+    there : whether the windows open on these monitors; otherwise several windows open side by side as in the raster.
+    bits : bits per code value, 8 or 10; None for each monitor's setting.
     """
     chosen: Sequence[Monitor | None] = [None] * len(regions)
     if there or fullscreen:
@@ -168,12 +168,12 @@ def open_display(
 
 
 def _without_text(page: Page | None) -> Page | None:
-    """What every window shows of a page: the outline."""
+    """Return the part of a page that every window shows: the outline."""
     return None if page is None or page.outline is None else Page((), outline=page.outline)
 
 
 def _find_all(names: Sequence[str], count: int) -> list[Monitor]:
-    """The monitors of as many projectors."""
+    """Return one monitor per projector."""
     monitors = list_monitors()
     if len(names) != count:
         raise InputError(

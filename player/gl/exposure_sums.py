@@ -1,4 +1,4 @@
-"""Radiance from exposures on the GPU (thesis 3.3.2): shaders/expose_sums.frag pass by pass, any number of pictures."""
+"""Radiance from exposures on the GPU (thesis 3.3.2): shaders/expose_sums.frag, pass by pass, any number of pictures."""
 
 from contextlib import ExitStack
 from typing import Any
@@ -10,22 +10,24 @@ from numpy.typing import ArrayLike, NDArray
 from counterlight.errors import InputError
 from counterlight.gl.passes import Pass, ScreenPass, float_texture
 
-BATCH = 16  # exposures a pass at most: the sums cross the memory bus once for all of them
+BATCH = 16  # largest number of exposures per pass: one pass over the sums serves all of them
 BATCH_BYTES = 1 << 28  # of code values that wait for a pass
-TEXELS = 4095  # a row: whole pixels of three channels, four samples a texel; every OpenGL 3.3 has rows of 4096
+TEXELS = 4095  # per row: whole pixels of three channels, four samples per texel; every OpenGL 3.3 has rows of 4096
 SAMPLES = 4 * TEXELS
-PAGE = 256  # code values in a row of the table
+PAGE = 256  # code values per row of the table
 SUMS = "sums", "weights", "bounds"
-SPARE_UNIFORMS = 256  # components beside the curve
+SPARE_UNIFORMS = 256  # uniform components besides the curve
 
 
 class GlSums:
-    """Adds pictures of one shape; the counterpart of counterlight.tools.hdr.sums.CpuSums, float32.
+    """Adds pictures of one shape in float32; the counterpart of counterlight.tools.hdr.sums.CpuSums.
 
-    table : (levels, channels, 2), p and q of each code value (counterlight.tools.hdr.estimators), 256 or 65536 levels.
+    table : (levels, channels, 2). p and q of each code value (counterlight.tools.hdr.estimators); 256 or 65536 levels.
     shape : (height, width, channels).
-    exponential : the estimate is the exponential of the quotient of the sums.  slack : see tools/hdr/estimators.py.
-    Raises InputError for pictures beyond the largest texture. The caller owns the context.
+    exponential : whether the estimate is the exponential of the quotient of the sums.
+    slack : see tools/hdr/estimators.py.
+
+    The caller owns the context. Raises InputError for pictures beyond the largest texture.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class GlSums:
         )
 
     def add(self, codes: NDArray[Any], coefficients: tuple[float, float, float], exposure_s: float) -> None:
-        """codes : (height, width, channels), unsigned."""
+        """Add an exposure. codes : (height, width, channels), unsigned."""
         self._stage.ravel()[: codes.size] = codes.ravel()
         top = len(self._waiting) * self._rows
         self._codes.write(self._stage, viewport=(0, top, TEXELS, self._rows))
@@ -91,7 +93,7 @@ class GlSums:
             self._run()
 
     def estimate(self) -> NDArray[np.float32]:
-        """(height, width, channels): the radiance where there is one, otherwise −bound (0: only black); starts anew."""
+        """Return the radiance, (height, width, channels), or −bound where unknown (0: only black); then start anew."""
         if self._waiting:
             self._run()
         latest, _ = self._sums[1 - self._passes % 2]
@@ -100,7 +102,7 @@ class GlSums:
         return result[: int(np.prod(self._shape))].reshape(self._shape)
 
     def _run(self) -> None:
-        """Add what waits to the sums: they alternate between two sets of textures."""
+        """Add the waiting exposures to the sums, which alternate between two sets of textures."""
         latest, _ = self._sums[1 - self._passes % 2]
         self._sums[self._passes % 2][1].use()
         add = self._adder(len(self._waiting))
@@ -111,7 +113,7 @@ class GlSums:
         self._passes += 1
 
     def _adder(self, count: int) -> "_Adder":
-        """The pass for so many exposures: full batches share one, the rest of a bracket has its own."""
+        """Return the pass for `count` exposures: full batches share a pass, the rest of a bracket has its own."""
         if count not in self._adders:
             adder = self._own(_Adder(self._context, "expose_sums.frag", self._defines | {"BATCH": count}))
             adder.set_arrays(**self._arrays)
@@ -125,7 +127,7 @@ class GlSums:
         self.release()
 
     def release(self) -> None:
-        self._context.detect_framebuffer(0).use()  # moderngl binds the last used one again later: not these, then
+        self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
         self._owned.close()
 
     def _own(self, resource: Any) -> Any:
@@ -134,7 +136,7 @@ class GlSums:
 
 
 class _Adder(ScreenPass):
-    """Adds a batch of exposures."""
+    """Adds a batch of exposures to the sums."""
 
     def set_arrays(self, **arrays: ArrayLike) -> None:
         """Set uniform arrays of floats by name."""
@@ -147,7 +149,7 @@ def _texture(
 ) -> moderngl.Texture:
     texture = context.texture(size, components, data, alignment=1, dtype=dtype)
     texture.filter = moderngl.NEAREST, moderngl.NEAREST
-    if context.error != "GL_NO_ERROR":  # moderngl raises nothing when memory runs out
+    if context.error != "GL_NO_ERROR":  # moderngl raises nothing if memory runs out
         texture.release()
         raise InputError(f"the GPU has no memory for pictures of {size[0]}x{size[1]} texels; merge without --gpu")
     return texture

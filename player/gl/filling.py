@@ -1,8 +1,8 @@
-"""Fills a monitor with a window, which is black, undecorated and in place before it is first seen, and stays so.
+"""Fills a monitor with a window that is black, undecorated and in place before it is first visible, and stays so.
 
-A window manager is asked for nothing on X11, since each has its own idea of "full screen": openbox fills the monitor
-that has the pointer, others decorate first and fill later, and all of them may die. The window is override-redirect
-(ICCCM 4.1.10): it stands where it was put, painted black by the server until something is drawn.
+On X11, the window manager is not involved, since managers interpret "full screen" differently. openbox fills the
+monitor with the pointer, others decorate first and fill later, and any of them may die. The window is therefore
+override-redirect (ICCCM 4.1.10). It stays where it was put, and the server paints it black until something is drawn.
 """
 
 import time
@@ -16,15 +16,15 @@ from counterlight.gl import x11
 from counterlight.gl.monitors import Monitor
 from counterlight.gl.x11 import Box
 
-CHECK_S = 0.1  # between looks at a window's place and at what covers it
-AWAKE_S = 30.0  # shorter than any time after which screens are blanked
-RELEASED_S = 1.0  # a window manager lets go of a hidden window within milliseconds
-LAYER = "_COUNTERLIGHT_LAYER"  # a window's property, by which the windows of several processes know their order
+CHECK_S = 0.1  # between checks of a window's place and of windows that cover it
+AWAKE_S = 30.0  # shorter than any delay after which screens are blanked
+RELEASED_S = 1.0  # a window manager releases a hidden window within milliseconds
+LAYER = "_COUNTERLIGHT_LAYER"  # window property from which the windows of several processes know their order
 BYPASS = "_NET_WM_BYPASS_COMPOSITOR"
 
 
 class Layer(IntEnum):
-    """What is above what on a monitor; windows of others are below all of it."""
+    """Stacking order on a monitor; windows of other programs are below all layers."""
 
     CURTAIN = 1
     PICTURE = 2
@@ -32,9 +32,9 @@ class Layer(IntEnum):
 
 
 class Filling:
-    """Has a window, which may be hidden, fill a monitor from now on; `end` makes a plain window of it again.
+    """Makes a window, which may be hidden, fill a monitor; `end` turns it into a plain window again.
 
-    While its monitor is gone it waits where it was, and is hidden if another monitor shows that place.
+    If its monitor is disconnected, the window waits in place; it is hidden if another monitor shows that place.
     """
 
     def __init__(self, handle: Any, monitor: Monitor, layer: Layer) -> None:
@@ -52,7 +52,7 @@ class Filling:
         put(self._handle, monitor.box)
 
     def follow(self, monitors: Sequence[Monitor]) -> None:
-        """Go with the monitor if it has another place or size now.  monitors : those that are there."""
+        """Follow the monitor if its place or size has changed. monitors : the connected ones."""
         for monitor in monitors:
             if monitor.name == self.monitor.name:
                 if self._waits or monitor != self.monitor:
@@ -63,7 +63,7 @@ class Filling:
             glfw.hide_window(self._handle)
 
     def keep(self) -> str | None:
-        """Correct what others have done to the window, at most every CHECK_S; what cannot be corrected is told once."""
+        """Undo what other programs did to the window, at most every CHECK_S; returns a complaint once if this fails."""
         now = time.monotonic()
         if self._waits or now - self._checked_at < CHECK_S:
             return None
@@ -77,7 +77,7 @@ class Filling:
         return self._told(None if self._is_placed() else self._out_of_place())
 
     def end(self, box: Box) -> None:
-        """Make a plain window of it, which the window manager decorates, at a box of the desktop."""
+        """Turn the window into a plain one at a box of the desktop, decorated by the window manager."""
         glfw.hide_window(self._handle)
         if _on_x11():
             x11.set_unmanaged(*_on_server(self._handle), False)
@@ -100,7 +100,10 @@ class Filling:
         return fresh
 
     def _restack(self, *, or_below_higher: bool = False) -> None:
-        """Above all windows of lower layers that cover it; if asked to, below the higher layers as well."""
+        """Raise the window above lower layers that cover it.
+
+        or_below_higher : also put it below higher layers.
+        """
         if not _on_x11():
             return
         display, window = _on_server(self._handle)
@@ -118,7 +121,7 @@ class Filling:
 
 
 def detach(handle: Any, layer: Layer) -> None:
-    """Hide a window and take it away from the window manager for good."""
+    """Hide a window and remove it from the window manager's control permanently."""
     glfw.hide_window(handle)
     glfw.set_window_attrib(handle, glfw.DECORATED, False)
     if not _on_x11():
@@ -132,14 +135,14 @@ def detach(handle: Any, layer: Layer) -> None:
 
 
 def put(handle: Any, box: Box) -> None:
-    """Show a window at a box of the desktop, where it is from the first moment on."""
+    """Show a window at a box of the desktop, in place from its first appearance."""
     glfw.set_window_size(handle, box.width, box.height)
     glfw.set_window_pos(handle, box.x, box.y)
     glfw.show_window(handle)
 
 
 def take_keys(handle: Any) -> None:
-    """Have the keyboard go to a window that fills a monitor, which no window manager would do."""
+    """Give the keyboard to a window that fills a monitor; no window manager would do so."""
     if _on_x11():
         x11.take_keys(*_on_server(handle))
     else:

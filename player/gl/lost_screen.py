@@ -1,4 +1,4 @@
-"""When the X server goes: Xlib then ends the process whatever we do, so we do it, with one line and an exit code."""
+"""Loss of the X server: Xlib would end the process anyway, so this module ends it first, with one line."""
 
 import ctypes
 import os
@@ -12,7 +12,7 @@ _farewells: list[Callable[[], object]] = []
 
 @contextmanager
 def farewell(act: Callable[[], object]) -> Iterator[None]:
-    """Have something done before the process ends since its screen has gone; it must not need the screen."""
+    """Register an action to run before the process ends because its screen is lost; it must not need the screen."""
     _farewells.append(act)
     try:
         yield
@@ -21,13 +21,13 @@ def farewell(act: Callable[[], object]) -> Iterator[None]:
 
 
 def watch() -> None:
-    """Have the loss of the X server told in one line; nothing where there is no Xlib."""
+    """Report the loss of the X server in one line; does nothing without Xlib."""
     with suppress(OSError):
         ctypes.CDLL("libX11.so.6").XSetIOErrorHandler(_on_loss)
 
 
 def _lost(_display: int) -> int:
-    """Must not return (XSetIOErrorHandler(3)); an exception would be lost on its way through Xlib."""
+    """Handle the loss. Must not return (XSetIOErrorHandler(3)); an exception would be lost on its way through Xlib."""
     for act in reversed(_farewells):
         with suppress(Exception):
             act()
@@ -35,4 +35,5 @@ def _lost(_display: int) -> int:
     os._exit(BAD_INPUT)
 
 
-_on_loss = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(_lost)  # Xlib holds it for as long as the process lives
+# a reference must exist as long as the process, because Xlib keeps the pointer
+_on_loss = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(_lost)

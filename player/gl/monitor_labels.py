@@ -1,4 +1,4 @@
-"""Number, name and size of every monitor, written on it: small windows without focus that go by themselves."""
+"""Labels with number, name and size on every monitor: small windows without focus that close by themselves."""
 
 import time
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from counterlight.gl.passes import ScreenPass, Uniform
 from counterlight.gl.x11 import Box
 from counterlight.overlay.osd import Page, draw
 
-LETTERS = (2160, 3840)  # as if the window were this large (height, width): the text is read across a room
+LETTERS = (2160, 3840)  # size letters as for a window of (height, width), so that they are readable across a room
 HINTS = {
     glfw.FLOATING: True,
     glfw.FOCUSED: False,
@@ -25,7 +25,7 @@ HINTS = {
 
 
 class MonitorLabels:
-    """Opened as it is made; `over` after some seconds, then to be released. Another context is current afterwards."""
+    """Opens labels at creation; release them when `over`. Another context is current afterwards."""
 
     def __init__(self, monitors: Sequence[Monitor], seconds: float) -> None:
         self._until = time.monotonic() + seconds
@@ -43,7 +43,7 @@ class MonitorLabels:
         self._windows = []
 
     def _open(self, monitor: Monitor) -> None:
-        """A window in the middle of a monitor, drawn once. A monitor whose window cannot be opened has no label."""
+        """Open a window in the middle of a monitor and draw it once. On failure, the monitor has no label."""
         pixels = draw(Page((f"{monitor.index}  {monitor.name}", f"{monitor.width}x{monitor.height}")), LETTERS)
         height, width = min(pixels.shape[0], monitor.height), min(pixels.shape[1], monitor.width)
         for hint, value in HINTS.items():

@@ -1,6 +1,6 @@
-"""Screens: GLFW started with plain errors, the monitors it sees, and the one that the user means.
+"""Screens: starts GLFW with readable errors, lists the monitors, and finds the one that the user names.
 
-X11 needs libXrandr at run time: without it GLFW sees one monitor named "Display", whatever is plugged in.
+X11 needs libXrandr at run time: without it, GLFW sees one monitor named "Display", whatever is connected.
 """
 
 import os
@@ -24,12 +24,12 @@ WITHOUT_XWAYLAND = (
     "choose an X11 session at the login, or use --output FILE"
 )
 MANAGER = "_NET_SUPPORTING_WM_CHECK"
-STARTS_S = 1.0  # a window manager that starts needs milliseconds between the two properties
+STARTS_S = 1.0  # a starting window manager needs milliseconds between the two properties
 
 
 @dataclass(frozen=True)
 class Monitor:
-    """One monitor as it is set now: size in pixels of its video mode, position on the desktop, bits of a code value."""
+    """One monitor as it is set now: size in pixels of its video mode, position on the desktop, bits per code value."""
 
     index: int
     name: str
@@ -54,7 +54,7 @@ class Monitor:
 
 
 def start_glfw() -> None:
-    """Start GLFW, or do nothing if it runs; InputError if there is no screen to open a window on."""
+    """Start GLFW, or do nothing if it runs; raises InputError without a screen."""
     _check_server()
     with raising():
         try:
@@ -68,10 +68,10 @@ def start_glfw() -> None:
 
 @cache
 def _check_server() -> None:
-    """What must hold before GLFW starts; InputError for a Wayland session without an X server.
+    """Check the X server before GLFW starts; raises InputError for a Wayland session without an X server.
 
-    GLFW 3.4 fails in an assertion when it opens a window after the window manager has died, since the root window
-    still has a property that names the manager's window. That property is deleted, as the next manager would do.
+    After a window manager has died, the root window keeps a property that names its window. GLFW 3.4 then fails an
+    assertion when it opens a window. This function deletes the property, as the next window manager would.
     """
     if os.environ.get("WAYLAND_DISPLAY") and not os.environ.get("DISPLAY"):
         raise InputError(f"no screen: {WITHOUT_XWAYLAND}")
@@ -87,9 +87,9 @@ def _check_server() -> None:
 
 
 def list_monitors() -> list[Monitor]:
-    """The monitors that are connected now, the primary one first, names unique; InputError without a screen.
+    """Return the connected monitors, the primary one first, with unique names; raises InputError without a screen.
 
-    Starts GLFW if nobody has, and leaves it running.
+    Starts GLFW if needed, and leaves it running.
     """
     start_glfw()
     with raising():
@@ -104,7 +104,7 @@ def list_monitors() -> list[Monitor]:
 
 
 def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monitor:
-    """The monitor of that name or, failing that, of that index; InputError naming the ones that exist."""
+    """Return the monitor of that name or, failing that, of that index; raises InputError with a list of monitors."""
     wanted = str(name_or_index)
     for key in ("name", "index"):
         for monitor in monitors:
@@ -115,7 +115,7 @@ def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monit
 
 
 def refuse_shared(monitors: Sequence[Monitor]) -> None:
-    """InputError if one is named for two projectors."""
+    """Raise InputError if a monitor is named for two projectors."""
     for number, monitor in enumerate(monitors):
         if monitor in monitors[:number]:
             raise InputError(f"monitor {monitor.name}: named for two projectors; each has its own")
@@ -124,9 +124,10 @@ def refuse_shared(monitors: Sequence[Monitor]) -> None:
 def after_a_change(
     home: str | None, monitors: Sequence[Monitor], *, at_home: bool
 ) -> Literal["stay", "return", "left"]:
-    """What a window does when monitors come or go: nothing, go back to its monitor, or say that it has gone.
+    """Return what a window does after monitors changed: nothing, return to its monitor, or report the loss.
 
-    home : name of the monitor that the window belongs on; None for any.  at_home : whether it was there until now.
+    home : name of the monitor that the window belongs on; None for any.
+    at_home : whether the window was on that monitor until now.
     """
     there = home in {monitor.name for monitor in monitors}
     if home is None or there == at_home:
@@ -135,7 +136,7 @@ def after_a_change(
 
 
 def bits_of_code(channels: Iterable[int]) -> int:
-    """8, or 10 where every channel has as many.  channels : the bits of each."""
+    """Return 10 if every channel has at least 10 bits, else 8. channels : bits of each channel."""
     return 10 if min(channels) >= 10 else 8
 
 
@@ -148,7 +149,7 @@ def _describe(index: int, name: str, handle: Any) -> Monitor:
 
 
 def _unique(names: Sequence[str]) -> list[str]:
-    """Two projectors of one make share a name: the second becomes `name (2)`."""
+    """Make names unique: two projectors of one make share a name, so the second becomes `name (2)`."""
     result: list[str] = []
     for name in names:
         candidate, count = name, 1
@@ -161,7 +162,7 @@ def _unique(names: Sequence[str]) -> list[str]:
 
 @contextmanager
 def raising() -> Iterator[None]:
-    """GLFW's errors as exceptions for a while; elsewhere its mere complaints must not stop a running player."""
+    """Raise GLFW's errors as exceptions inside the block; elsewhere, GLFW's warnings must not stop a running player."""
     previous, glfw.ERROR_REPORTING = glfw.ERROR_REPORTING, "raise"
     try:
         yield
@@ -174,5 +175,5 @@ def _text(name: str | bytes) -> str:
 
 
 def _plain(error: Exception) -> str:
-    """`(65550) b'X11: The DISPLAY …'` -> `X11: The DISPLAY …`."""
+    """Strip an error: `(65550) b'X11: The DISPLAY …'` -> `X11: The DISPLAY …`."""
     return str(error).partition(") ")[2].removeprefix("b").strip("'\"") or str(error)

@@ -1,6 +1,6 @@
-"""The mouse in a window: what its left button does over the picture, double clicks and the wheel as keys.
+"""The mouse in a window: actions of the left button over the picture; double clicks and wheel steps as keys.
 
-A key that the mouse stands for begins with `ctrl+` while Ctrl is held (player/show/keys.py).
+The key name starts with `ctrl+` while Ctrl is held (player/show/keys.py).
 """
 
 import time
@@ -12,23 +12,27 @@ import glfw
 from counterlight.gl.presenter import Shown
 from counterlight.overlay.pointer import Pointer
 
-DOUBLE_CLICK_S, DOUBLE_CLICK_PIXELS = 0.4, 8  # between two presses
+DOUBLE_CLICK_S, DOUBLE_CLICK_PIXELS = 0.4, 8  # largest time and distance between two presses
 
 
 class Mouse:
-    """key : told of every double click and notch of the wheel (player/show/keys.py).  press : told of every press."""
+    """Reports mouse actions in a window.
+
+    key : called with a key name for every double click and wheel step (player/show/keys.py).
+    press : called for every press.
+    """
 
     def __init__(self, handle: Any, key: Callable[[str], None], press: Callable[[], None]) -> None:
         self._handle, self._key, self._press = handle, key, press
         self._pointers: list[Pointer] = []
         self._pressed = False
         self._clicked: tuple[float, tuple[float, float]] = float("-inf"), (0.0, 0.0)
-        self.shown: Shown | None = None  # what stands where in the window
+        self.shown: Shown | None = None  # position of the picture in the window
         glfw.set_mouse_button_callback(handle, self._on_button)
         glfw.set_scroll_callback(handle, self._on_scroll)
 
     def taken(self) -> list[Pointer]:
-        """What the left button has done since the last call."""
+        """Return the left button's actions since the last call."""
         fresh, self._pointers = self._pointers, []
         return fresh
 
@@ -51,11 +55,11 @@ class Mouse:
         near = max(abs(here[0] - there[0]), abs(here[1] - there[1])) <= DOUBLE_CLICK_PIXELS
         if near and now_s - before_s <= DOUBLE_CLICK_S:
             self._key(self._with_ctrl("double-click"))
-            now_s = float("-inf")  # a third is the first of two again
+            now_s = float("-inf")  # a third click is the first of a new pair
         self._clicked = now_s, here
 
     def _on_scroll(self, _window: object, left: float, up: float) -> None:
-        """A key for every notch; touch pads send parts of one, which count as soon as they come."""
+        """Send a key per wheel step. Touch pads send fractions of a step; each fraction counts as a step."""
         for amount, names in ((left, ("wheel-right", "wheel-left")), (up, ("wheel-down", "wheel-up"))):
             for _ in range(max(round(abs(amount)), 1) if amount else 0):
                 self._key(self._with_ctrl(names[amount > 0]))

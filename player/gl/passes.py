@@ -1,4 +1,4 @@
-"""One full-screen pass: a program, the textures it reads, the texture it writes. Built once, run every frame."""
+"""A full-screen pass: a program, the textures it reads, and the texture it writes. Built once, run every frame."""
 
 from collections.abc import Mapping
 from typing import Any, TypeAlias
@@ -11,19 +11,20 @@ from counterlight.errors import InputError
 from counterlight.gl.shaders import build_program
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
-STRIP_TEXELS = 1 << 16  # that are made RGBA at a time: a whole picture's would take as long to allocate as to copy
+# texels converted to RGBA at a time; allocating a whole picture would take as long as copying it
+STRIP_TEXELS = 1 << 16
 FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable
 
 
 def float_texture(
     context: moderngl.Context, shape: tuple[int, int], data: NDArray[np.float32] | None = None
 ) -> moderngl.Texture:
-    """An RGBA32F texture (height, width) for data: nearest texel, no wrapping. Raises InputError if it cannot exist."""
+    """Return an RGBA32F data texture (height, width), nearest texel, no wrapping. Raises InputError if impossible."""
     return _texture(context, shape, FLOAT_COMPONENTS, "f4", data)
 
 
 def picture_texture(context: moderngl.Context, picture: NDArray[np.float32]) -> moderngl.Texture:
-    """A picture (height, width, 3) as a float texture."""
+    """Return a picture (height, width, 3) as a float texture."""
     height, width = picture.shape[:2]
     texture = float_texture(context, (height, width))
     strip = np.ones((min(max(1, STRIP_TEXELS // width), height), width, FLOAT_COMPONENTS), np.float32)
@@ -35,13 +36,13 @@ def picture_texture(context: moderngl.Context, picture: NDArray[np.float32]) -> 
 
 
 def table_texture(context: moderngl.Context, table: NDArray[np.float32]) -> moderngl.Texture:
-    """A table (samples,) or (samples, channels) as a texture of height 1."""
+    """Return a table (samples,) or (samples, channels) as a texture of height 1."""
     columns = table[:, None] if table.ndim == 1 else table
     return _texture(context, (1, len(columns)), columns.shape[1], "f4", np.ascontiguousarray(columns))
 
 
 def cube_texture(context: moderngl.Context, table: NDArray[np.float32]) -> moderngl.Texture3D:
-    """A table (size, size, size, 3), by blue, green and red, read by texel."""
+    """Return a table (size, size, size, 3), indexed by blue, green and red, for reading by texel."""
     size = len(table)
     texture = context.texture3d((size, size, size), 3, np.ascontiguousarray(table), dtype="f4")
     if context.error != "GL_NO_ERROR":
@@ -51,13 +52,13 @@ def cube_texture(context: moderngl.Context, table: NDArray[np.float32]) -> moder
 
 
 def integer_texture(context: moderngl.Context, data: NDArray[np.uint32]) -> moderngl.Texture:
-    """Unsigned integers (height, width) or (height, width, channels)."""
+    """Return a texture of unsigned integers (height, width) or (height, width, channels)."""
     components = 1 if data.ndim == 2 else data.shape[2]
     return _texture(context, (data.shape[0], data.shape[1]), components, "u4", data)
 
 
 def plane_texture(context: moderngl.Context, shape: tuple[int, int], dtype: np.dtype[Any]) -> moderngl.Texture:
-    """A plane of samples: unsigned 8 or 16 bit integers, or float32."""
+    """Return a texture for a plane of samples: unsigned 8 or 16 bit integers, or float32."""
     return _texture(context, shape, 1, {"uint8": "u1", "uint16": "u2", "float32": "f4"}[dtype.name], None)
 
 
@@ -75,7 +76,7 @@ def _texture(
     texture = context.texture((width, height), components, data, alignment=alignment, dtype=dtype)
     texture.filter = moderngl.NEAREST, moderngl.NEAREST
     texture.repeat_x = texture.repeat_y = False
-    if context.error != "GL_NO_ERROR":  # moderngl raises nothing when memory runs out
+    if context.error != "GL_NO_ERROR":  # moderngl raises nothing if memory runs out
         texture.release()
         raise InputError(
             f"the GPU has no memory for a {width}x{height} texture; build a smaller map with a larger --max-error, "
@@ -85,7 +86,7 @@ def _texture(
 
 
 class ScreenPass:
-    """Draws one fragment shader into whatever framebuffer is in use."""
+    """Draws one fragment shader into the current framebuffer."""
 
     def __init__(
         self,
@@ -106,7 +107,7 @@ class ScreenPass:
             self._program[name] = value
 
     def draw(self, **inputs: moderngl.Texture | moderngl.Texture3D) -> None:
-        """Draw with the given textures, one for each sampler."""
+        """Draw with the given textures, one per sampler."""
         for name, texture in inputs.items():
             if name not in self._units:
                 self._units[name] = len(self._units)
@@ -120,7 +121,7 @@ class ScreenPass:
 
 
 class Pass(ScreenPass):
-    """Draws one fragment shader into its own target, a texture that it owns."""
+    """Draws one fragment shader into its own target texture."""
 
     def __init__(
         self,
@@ -147,6 +148,6 @@ class Pass(ScreenPass):
 
     def release(self) -> None:
         super().release()
-        self._context.detect_framebuffer(0).use()  # moderngl binds the last used one again later: not this one, then
+        self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
         self._framebuffer.release()
         self.target.release()

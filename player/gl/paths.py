@@ -1,7 +1,8 @@
-"""The ways to multiply with a room's maps on the GPU, and which of them is the fastest here.
+"""The ways to multiply with a room's maps on the GPU, and the choice of the fastest.
 
-fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, OpenGL 4.3.  words, compute-words : the
-same with T and Tᵀ in words of 4 bytes, shaders/small_map.frag and small_map.comp.
+fragment : shaders/row_map.frag, available everywhere.
+compute : shaders/row_map.comp, needs OpenGL 4.3.
+words, compute-words : T and Tᵀ in words of 4 bytes, shaders/small_map.frag and small_map.comp.
 """
 
 import time
@@ -26,7 +27,7 @@ COMPUTE, WORDS = ("compute", "compute-words"), ("words", "compute-words")
 
 
 class GlMaps:
-    """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them."""
+    """Holds a room's maps on the GPU for one path; each is uploaded on first use."""
 
     def __init__(self, context: moderngl.Context, room: Room, path: str) -> None:
         self._context, self._owner = context, Owner()
@@ -51,16 +52,15 @@ class GlMaps:
         return (MapBuffers if compute else MapTextures)(self._context, packed)
 
     def _light_bytes(self) -> float:
-        """Mean of an entry of T."""
+        """Return the mean bytes per entry of T."""
         transport = self.room.maps.transport
         return WORD_BYTES * self._words[id(transport)].runs.words.size / max(transport.count, 1)
 
 
 def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
-    """A room's maps on the path asked for; "auto" measures fragments, compute shaders and, on the faster, words.
+    """Return a room's maps on the requested path. "auto" measures fragment and compute shaders, then words.
 
-    Raises InputError if compute shaders are asked for and this OpenGL has none, or words and the room has none; "auto"
-    then takes what there is.
+    Raises InputError if a requested path needs compute shaders or words that are missing; "auto" skips such paths.
     """
     if path in COMPUTE and not supports_compute(context):
         raise InputError(
@@ -84,15 +84,12 @@ def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
 
 
 def _faster(context: moderngl.Context, one: GlMaps, other: GlMaps) -> GlMaps:
-    """Whichever takes less time for a frame's products; the other is released.
-
-    Either's measurements are kept, and those of what was measured before.
-    """
+    """Return the maps whose products take less time per frame, with all measurements so far; release the other maps."""
     try:
         known = dict(one.report.measured) or {one.report.name: products_ms(context, one)}
         try:
             known = known | {other.report.name: products_ms(context, other)}
-        except InputError:  # no memory for both
+        except InputError:  # not enough memory for both
             known = known | {other.report.name: float("inf")}
     except BaseException:
         one.release()
@@ -105,7 +102,7 @@ def _faster(context: moderngl.Context, one: GlMaps, other: GlMaps) -> GlMaps:
 
 
 def products_ms(context: moderngl.Context, stored: GlMaps) -> float:
-    """Milliseconds of the products with T⁺ and, where the room can be refined, with T and Tᵀ; medians of a few."""
+    """Return milliseconds of the products with T⁺ and, if the room has refinement, with T and Tᵀ; sums of medians."""
     maps = stored.room.maps
     measured = [maps.correction, *([] if maps.refinement is None else [maps.transport, maps.refinement.dual])]
     return sum(_product_ms(context, each) for each in map(stored.of, measured))

@@ -1,4 +1,4 @@
-"""A window that shows one still picture after the other, pixel for pixel: what a projector gets when measured."""
+"""A window that shows still pictures pixel for pixel, for measuring a projector."""
 
 import moderngl
 import numpy as np
@@ -12,9 +12,10 @@ ESCAPE = "escape"
 
 
 class PatternWindow:
-    """A window of the projector's size, or a monitor filled; black at first.
+    """A window of the projector's size, or a filled monitor; black at first.
 
-    shape : (height, width).  monitor : to fill; None for a plain window.
+    shape : (height, width).
+    monitor : monitor to fill; None for a plain window.
     """
 
     def __init__(self, shape: tuple[int, int], monitor: Monitor | None) -> None:
@@ -29,17 +30,16 @@ class PatternWindow:
 
     @property
     def place(self) -> tuple[int, int, int, int]:
-        """Where its picture is on the desktop: (left, top, right, below)."""
+        """The picture's place on the desktop: (left, top, right, below)."""
         (x, y), (height, width) = self._window.position, self.shape
         return x, y, x + width, y + height
 
     def show(self, codes: NDArray[np.uint8]) -> None:
-        """Show (height, width, 3) code values; returns when the driver has swapped.
+        """Show (height, width, 3) code values; returns when the driver has swapped buffers.
 
-        Raises InputError if the window was closed or does not fill its monitor, KeyboardInterrupt if Escape was pressed
-        in it.
+        Raises InputError if the window was closed or does not fill its monitor, KeyboardInterrupt after Escape.
         """
-        self._window.make_current()  # another may be open
+        self._window.make_current()  # another window may be current
         self._texture.write(np.ascontiguousarray(codes).tobytes())
         for _ in range(2):  # both buffers: a driver may show either
             self._window.present(None, black=False)

@@ -1,4 +1,4 @@
-"""Planes -> linear picture, upright (shaders/planes_to_linear.frag), with the viewer's controls of the coded signal."""
+"""Converts planes to an upright linear picture (shaders/planes_to_linear.frag), with the viewer's controls."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -32,7 +32,7 @@ class Planes:
         self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        """Take over what changes codes and what becomes of them; radiance has none."""
+        """Apply the settings that change codes and their conversion; they do not affect radiance."""
         signal = signal_of(self._pixels, adjustments)
         if signal is None:
             return
@@ -57,7 +57,7 @@ class Planes:
         self._owner.release()
 
     def _build(self, signal: Signal | None) -> None:
-        """The pass for what a signal asks for, in place of another, which stays where this one cannot be."""
+        """Build the pass for a signal. The previous pass stays if this fails."""
         drawing = Owner()
         try:
             self._make(signal, drawing.own)
@@ -88,7 +88,7 @@ class Planes:
 
 
 def _by_columns(matrix: NDArray[np.float64]) -> tuple[float, ...]:
-    """As OpenGL wants it."""
+    """Flatten column by column, as OpenGL expects."""
     return tuple(matrix.T.ravel())
 
 

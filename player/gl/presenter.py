@@ -1,4 +1,4 @@
-"""The last pass: the finished picture, or a part of it, in a window, with a page of text over it."""
+"""The last pass: shows the finished picture, or a part of it, in a window, with a page of text over it."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -17,14 +17,14 @@ Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height
 
 @dataclass(frozen=True)
 class Shown:
-    """What of a picture (width, height) stands where in a window."""
+    """The region of a picture (width, height), and its place in a window."""
 
     region: Region
     place: Box
     size: tuple[int, int]
 
     def share(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the window, pixels, in shares of the picture."""
+        """Convert a point of the window, in pixels, to shares of the picture."""
         left, top, width, height = self.place
         across = self.region.left + (x - left) * self.region.width / width
         down = self.region.top + (y - top) * self.region.height / height
@@ -32,7 +32,7 @@ class Shown:
 
 
 class Presenter:
-    """The present pass and its overlay texture, made anew when a page has another size."""
+    """The present pass and its overlay texture, which is replaced when a page has another size."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
@@ -50,7 +50,7 @@ class Presenter:
         *,
         grows: bool = False,
     ) -> Shown | None:
-        """Draw; returns what stands where, None without a picture."""
+        """Draw; returns the picture's place, or None without a picture."""
         shown, part = (self._none, Region(0, 0, 1, 1)) if picture is None else (picture, region)
         place = _centred((region.height, region.width), size, grows=grows)
         extent = None if picture is None else picture.size
@@ -61,7 +61,7 @@ class Presenter:
         return None if picture is None else Shown(region, place, picture.size)
 
     def reload(self) -> None:
-        """Compile the shader again and draw with it once, unseen; an error, which is raised, leaves the old one."""
+        """Recompile the shader and draw once, unseen. An error is raised and keeps the old shader."""
         fresh, dot = ScreenPass(self._context, "present.frag"), Region(0, 0, 1, 1)
         try:
             self._draw(fresh, self._none, self._none, dot, dot, (1, 1))
@@ -99,9 +99,11 @@ class Presenter:
 def overlay_of(
     page: Page, size: tuple[int, int], picture: tuple[int, int] | None, region: Region, place: Box
 ) -> NDArray[np.uint8]:
-    """What is written over a window of `size`, from its upper left: (height, width, RGBA).
+    """Draw the overlay of a window from its upper left: (height, width, RGBA).
 
-    size, picture : (width, height); no picture, no outline.  region : of the picture, which stands at `place`.
+    size : (width, height) of the window.
+    picture : (width, height); None draws no outline.
+    region : part of the picture that is shown at `place`.
     """
     window = size[1], size[0]
     text = draw(page, window) if page.lines or page.legends else np.zeros((1, 1, 4), np.uint8)
@@ -120,7 +122,7 @@ def overlay_of(
 
 
 def _centred(shape: tuple[int, int], window: tuple[int, int], *, grows: bool) -> Box:
-    """(left, top, width, height), centred: pixel for pixel where there is room, unless it grows, else shrunk to fit."""
+    """Return a centred box: pixel for pixel if it fits and does not grow, else scaled to the window."""
     height, width = shape
     scale = min(window[0] / width, window[1] / height)
     scale = scale if grows else min(1.0, scale)

@@ -1,4 +1,4 @@
-"""A window for a camera's live picture, beside the projector's: keys, pictures, a page of text over them."""
+"""A window for a camera's live picture with a page of text, next to the projector's window; it reports keys."""
 
 import moderngl
 import numpy as np
@@ -8,11 +8,16 @@ from counterlight.gl.monitors import Monitor
 from counterlight.gl.window import Window
 from counterlight.overlay.osd import Page
 
-CLOSED = "closed"  # a key that nobody has
+CLOSED = "closed"  # a key name that no keyboard sends
 
 
 class PreviewWindow:
-    """shape : (height, width) of its pictures.  monitor : where it stands, at `corner` (x, y) of it."""
+    """A preview window.
+
+    shape : (height, width) of its pictures.
+    monitor : monitor where it opens.
+    corner : (x, y) of its upper left corner on the monitor.
+    """
 
     def __init__(self, shape: tuple[int, int], monitor: Monitor, corner: tuple[int, int]) -> None:
         self._window = Window(
@@ -26,7 +31,7 @@ class PreviewWindow:
         self._window.attach(lambda: self._texture, lambda: False)
 
     def show(self, picture: NDArray[np.uint8], page: Page) -> list[str]:
-        """Show (height, width, 3) code values; the keys pressed since the last call."""
+        """Show (height, width, 3) code values; returns the keys pressed since the last call."""
         self._window.make_current()
         self._texture.write(np.ascontiguousarray(picture).tobytes())
         self._window.present(page, black=False)

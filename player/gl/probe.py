@@ -1,4 +1,4 @@
-"""What this machine's OpenGL and screens offer, as JSON, for a parent that must survive a driver that crashes.
+"""Reports this machine's OpenGL and screens as JSON, in a child process, so that the parent survives a crashing driver.
 
 Run as `python -m counterlight.gl.probe opengl` or `… screen`.
 """
@@ -14,7 +14,7 @@ from counterlight.gl.monitors import list_monitors
 
 
 def probe_opengl() -> dict[str, Any]:
-    """Vendor, renderer, version and largest texture of an OpenGL context made through EGL, without a screen."""
+    """Return vendor, renderer, version and largest texture of an OpenGL context made through EGL, without a screen."""
     with headless_context() as context:
         info = context.info
         return {
@@ -26,7 +26,7 @@ def probe_opengl() -> dict[str, Any]:
 
 
 def probe_screen() -> dict[str, Any]:
-    """The monitors that GLFW sees; the null platform's and Xvfb's count as well."""
+    """Return the monitors that GLFW sees, including those of the null platform and of Xvfb."""
     return {"monitors": [dataclasses.asdict(monitor) | {"text": str(monitor)} for monitor in list_monitors()]}
 
 
@@ -34,10 +34,10 @@ PROBES: dict[str, Callable[[], dict[str, Any]]] = {"opengl": probe_opengl, "scre
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print what was found, or `{"error": …}`: whatever goes wrong here is the answer."""
+    """Print the result, or `{"error": …}` for any failure."""
     try:
         answer = PROBES[argv[0]]()
-    except Exception as error:  # drivers and bindings raise anything
+    except Exception as error:  # drivers and bindings raise any exception
         answer = {"error": " ".join(str(error).split())}
     print(json.dumps(answer))
     return 0

@@ -1,4 +1,4 @@
-"""The GPU backend: the pipeline of renderer.py over OpenGL 3.3, or 4.3 where it is the faster."""
+"""The GPU backend: the pipeline of renderer.py over OpenGL 3.3, or 4.3 where it is faster."""
 
 from abc import abstractmethod
 
@@ -10,7 +10,7 @@ from counterlight.pipeline.room import Room
 
 
 class WindowRenderer(Renderer):
-    """One whose view a window can show. The caller owns the window's context."""
+    """A renderer whose view a window can show. The caller owns the window's context."""
 
     @property
     @abstractmethod
@@ -19,7 +19,7 @@ class WindowRenderer(Renderer):
 
 
 class GlRenderer(WindowRenderer):
-    """bits : of the code values, 8 or 10: those of the window that shows them. `encoded` has 8 in any case."""
+    """The renderer on a GPU. bits : 8 or 10 bits per code value, as the window has; `encoded` always has 8."""
 
     def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment", bits: int = 8) -> None:
         super().__init__(GlDevice(context, bits), room, path)

@@ -8,14 +8,15 @@ from counterlight.gl.passes import Pass, float_texture, integer_texture
 from counterlight.maps.row_map import RowMap
 from counterlight.pipeline.device import Owner
 
-TILE_TEXELS = 1 << 25  # of a texture, 512 MiB of entries: llvmpipe ends at 1 GiB, and no driver promises more
+TILE_TEXELS = 1 << 25  # per texture, 512 MiB of entries; llvmpipe ends at 1 GiB, and no driver guarantees more
 
 
 @dataclass(frozen=True)
 class Tile:
-    """Consecutive lines of the entries texture, as a texture of its own.
+    """Consecutive lines of the entries texture, stored as a separate texture.
 
-    first, lines : which.  inputs : name -> texture.
+    first, lines : first line and number of lines.
+    inputs : name -> texture.
     """
 
     first: int
@@ -24,9 +25,9 @@ class Tile:
 
 
 class MapTextures:
-    """The textures of one row map; several passes may read them.
+    """The textures of one row map; several passes may share them.
 
-    tile_texels : of a texture at most; a taller map is cut between its lines.
+    tile_texels : most texels per texture; a larger map is cut between lines.
     """
 
     def __init__(self, context: moderngl.Context, packed: RowMap, tile_texels: int = TILE_TEXELS) -> None:
@@ -57,7 +58,7 @@ class MapTextures:
 
 
 class RowMapPass:
-    """target = Σ weights · source, or base ± that, or that clamped to 0..1; a draw for each tile.
+    """target = Σ weights · source, or base ± this sum, or the sum clamped to 0..1; one draw per tile.
 
     combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP".
     """

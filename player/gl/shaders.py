@@ -1,4 +1,4 @@
-"""Build programs from the GLSL files of counterlight.shaders: defines in, errors with the file's own line numbers."""
+"""Builds programs from the GLSL files of counterlight.shaders, with defines; errors report the file's line numbers."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -11,14 +11,14 @@ VERTEX = "fullscreen.vert"
 
 
 class ShaderError(RuntimeError):
-    """A shader of ours does not compile on this driver: an internal fault, with file and line."""
+    """A product shader does not compile on this driver: an internal fault, with file and line."""
 
 
 INCLUDE = re.compile(r'^#include "([\w.]+)"$', re.MULTILINE)
 
 
 def read_source(name: str) -> str:
-    """The text of a shader as installed, with what it includes; the lines of either keep their numbers."""
+    """Return the text of an installed shader with its includes; all line numbers are kept."""
     text = resources.files("counterlight.shaders").joinpath(name).read_text(encoding="utf-8")
     return INCLUDE.sub(lambda found: _included(found, text), text)
 
@@ -54,7 +54,7 @@ def build_compute_program(
 
 @contextmanager
 def _naming(name: str) -> Iterator[None]:
-    """Make a compiler's complaint a ShaderError with the file's name and line."""
+    """Convert a compiler error to a ShaderError with the file's name and line."""
     try:
         yield
     except moderngl.Error as error:

@@ -15,7 +15,7 @@ GROUPS = 2  # binding of the workgroups' buffer
 
 
 class SmallTextures:
-    """A map in words, in textures; several passes may read them."""
+    """A map in words, stored in textures; several passes may share them."""
 
     def __init__(self, context: moderngl.Context, small: WordMap) -> None:
         self._context, self._owner = context, Owner()
@@ -37,7 +37,7 @@ class SmallTextures:
 
 
 class SmallPass:
-    """target = Σ weights · source, or base ± that, or w C ∘ (base − that), or that clamped to 0..1.
+    """target = Σ weights · source, or base ± this sum, or w C ∘ (base − sum), or the sum clamped to 0..1.
 
     combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL" or "CLAMP".
     """
@@ -57,7 +57,7 @@ class SmallPass:
 
 
 class SmallBuffers:
-    """A map in words, in buffers; several passes may read them."""
+    """A map in words, stored in buffers; several passes may share them."""
 
     def __init__(self, context: moderngl.Context, small: WordMap) -> None:
         self._context, self._owner = context, Owner()

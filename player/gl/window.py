@@ -1,4 +1,4 @@
-"""The player's window: a GLFW window with an OpenGL context, 4.3 or else 3.3, its keys, the pass that presents."""
+"""The player's window: a GLFW window with an OpenGL context (4.3, else 3.3), its keys, and the presenting pass."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -29,7 +29,7 @@ from counterlight.overlay.pointer import Pointer
 from counterlight.raster import Region
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
-CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is
+CURSOR_S = 1.0  # seconds that a resting cursor stays visible in a window; in full screen it is always hidden
 LABELS_S = 3.0
 NAMED_KEYS = {
     glfw.KEY_SPACE: "space",
@@ -50,15 +50,16 @@ NAMED_KEYS = {
 
 
 class Window:
-    """A window of the projector's size, or a monitor filled; it comes back to its monitor when that was unplugged.
+    """A window of the projector's size, or a filled monitor. It returns to its monitor after a reconnection.
 
-    Who makes it releases it. Raises InputError without a screen or OpenGL.
+    shape : (height, width) of the picture.
+    monitor : monitor for full screen; None for the primary one.
+    exact : refuse full screen at a size other than `shape`, because the correction is pixel by pixel.
+    goal : name or number of the monitor that set_fullscreen fills before the window has been on any.
+    sharing : a window whose textures this window can show.
+    bits : bits per code value, 8 or 10; None for the monitor's setting. The attribute `bits` is the actual number.
 
-    shape : (height, width) of the picture that is shown.  monitor : where to go full screen; None for the primary one.
-    exact : refuse a full screen whose size is not `shape`, since the correction is pixel by pixel.
-    goal : name or number of the monitor that set_fullscreen goes to as long as the window has been on none.
-    sharing : a window whose textures this one can show.
-    bits : of a code value, 8 or 10; None for what the monitor is set to. `bits` then says how many there are.
+    The creator releases the window. Raises InputError without a screen or OpenGL.
     """
 
     def __init__(
@@ -114,9 +115,9 @@ class Window:
             self._set_vsync()
 
     def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool] = lambda: True) -> None:
-        """Say where the rendered view is found; the renderer is made after the window, in its context.
+        """Set where the rendered view is found; the renderer is made after the window, in its context.
 
-        drive : whether that is what the projector shows, pixel by pixel; other views grow with the window.
+        drive : whether the view is the projector's, pixel by pixel; other views grow with the window.
         """
         self._picture, self._drive = picture, drive
 
@@ -126,12 +127,12 @@ class Window:
 
     @property
     def position(self) -> tuple[int, int]:
-        """Where its picture's left upper corner is on the desktop: (x, y)."""
+        """Upper left corner of the window's picture on the desktop: (x, y)."""
         x, y = glfw.get_window_pos(self._handle)
         return int(x), int(y)
 
     def place(self, x: int, y: int) -> None:
-        """Stand there on the desktop."""
+        """Move to a position on the desktop."""
         glfw.set_window_pos(self._handle, x, y)
 
     @property
@@ -150,7 +151,7 @@ class Window:
 
     @property
     def monitor(self) -> str:
-        """Name of the monitor that the window fills or that its middle is on."""
+        """Name of the monitor that the window fills, or that contains its middle."""
         monitors = list_monitors()
         (left, top), (width, height) = glfw.get_window_pos(self._handle), glfw.get_window_size(self._handle)
         x, y = left + width // 2, top + height // 2
@@ -160,14 +161,14 @@ class Window:
         return monitors[0].name if monitors else "none"
 
     def poll(self, timeout_s: float) -> list[str]:
-        """Names of the keys pressed since the last call (player/show/keys.py), after at most `timeout_s`."""
+        """Return names of the keys pressed since the last call (player/show/keys.py), after at most `timeout_s`."""
         wait_for_events(timeout_s)
         return self.take_keys()
 
     def take_keys(self) -> list[str]:
-        """What has arrived, after the window has done what the time and the monitors ask for."""
+        """Handle timers and monitor changes, then return the keys that have arrived."""
         if self._monitors_changed:
-            with suppress(InputError):  # the server is between two settings: again, at the next call
+            with suppress(InputError):  # the server is changing its monitors: try again at the next call
                 self._follow_monitor()
                 self._monitors_changed = False
         if self._filling is not None and (complaint := self._filling.keep()) is not None:
@@ -180,7 +181,7 @@ class Window:
         return keys
 
     def notices(self) -> list[str]:
-        """What happened to the monitors since the last call."""
+        """Return messages about the monitors since the last call."""
         fresh, self._notices = self._notices, []
         return fresh
 
@@ -193,15 +194,15 @@ class Window:
             self.swap()
 
     def pointers(self) -> list[Pointer]:
-        """What the left mouse button has done since the last call."""
+        """Return the left mouse button's actions since the last call."""
         return self._mouse.taken()
 
     def draw(self, picture: moderngl.Texture | None, region: Region, page: Page | None, *, grows: bool = False) -> bool:
-        """Draw a part of a picture, None for black of its size; False if there is no window to draw on (iconified).
+        """Draw a part of a picture, or black for None. Returns False if the window is iconified.
 
-        grows : whether to fill a larger window.
+        grows : whether the picture fills a larger window.
 
-        The window is current; `swap` then shows what was drawn.
+        The window must be current; `swap` then shows what was drawn.
         """
         size = glfw.get_framebuffer_size(self._handle)
         if 0 in size:
@@ -211,7 +212,7 @@ class Window:
         return True
 
     def reload(self) -> None:
-        """Compile the shader that presents again; what is damaged raises an error and changes nothing."""
+        """Recompile the presenting shader; a faulty shader raises an error and changes nothing."""
         self.make_current()
         self._present.reload()
 
@@ -224,14 +225,14 @@ class Window:
 
     @property
     def wanted_monitor(self) -> Monitor:
-        """The one to fill; InputError if it is not there."""
+        """The monitor to fill; raises InputError if it is missing."""
         return find_monitor(list_monitors(), self._goal if self._home is None else self._home)
 
     def set_title(self, title: str) -> None:
         glfw.set_window_title(self._handle, title)
 
     def set_fullscreen(self, on: bool) -> None:
-        """Fill the monitor, or go back to a window. The video mode of the monitor is left as it is."""
+        """Fill the monitor, or return to a window. The monitor's video mode is not changed."""
         if on and self._filling is None:
             monitor = self.wanted_monitor
             self._windowed_at = self.position
@@ -244,10 +245,10 @@ class Window:
             self._filling.end(Box(*self._windowed_at, width, height))
             self._filling = None
         self._show_cursor(not on)
-        self._set_vsync()  # some drivers forget it with the change
+        self._set_vsync()  # some drivers lose the setting with the change
 
     def move_to(self, monitor: object) -> None:
-        """Go to the monitor of a name or number, filling it if the window fills one now."""
+        """Move to the monitor of a name or number; a window that fills a monitor fills the new one."""
         wanted = find_monitor(list_monitors(), str(monitor))
         self._home, self._at_home = wanted.name, True
         if self._filling is None:
@@ -258,7 +259,7 @@ class Window:
             take_keys(self._handle)
 
     def identify(self) -> None:
-        """Write its number, name and size on every monitor for a while."""
+        """Show number, name and size on every monitor for a few seconds."""
         self._remove_labels()
         self._labels = MonitorLabels(list_monitors(), LABELS_S)
         glfw.make_context_current(self._handle)
@@ -278,7 +279,7 @@ class Window:
             self._notices.append(f"the monitor is {found}, the projector {needed}: centred, so not corrected")
 
     def _follow_monitor(self) -> None:
-        """Go where the monitor is now; say when it has gone, and when it is back."""
+        """Move to where the monitor is now; report when it is lost, and when it is back."""
         monitors = list_monitors()
         act = after_a_change(self._home, monitors, at_home=self._at_home)
         if act == "left":
@@ -292,7 +293,7 @@ class Window:
         self._keys.append(REDRAW)
 
     def _set_vsync(self) -> None:
-        """GLFW sets the interval of the current context."""
+        """Set the swap interval; GLFW applies it to the current context."""
         current = glfw.get_current_context()
         glfw.make_context_current(self._handle)
         glfw.swap_interval(int(self._vsync))
@@ -313,12 +314,12 @@ class Window:
         self._keys.append(REDRAW)
 
     def _on_press(self) -> None:
-        """A mouse button: the keyboard follows it, as a window manager would have it."""
+        """Handle a mouse press: take the keyboard, as a window manager would arrange."""
         if self._filling is not None:
             take_keys(self._handle)
 
     def on_monitor(self, *_: object) -> None:
-        """A monitor has come or gone; GLFW has one listener, the window opened last or who passes it on."""
+        """Note a monitor change. GLFW has one listener: the newest window, or the display that forwards the event."""
         self._monitors_changed = True
 
     def _on_cursor(self, *_: object) -> None:
@@ -331,7 +332,7 @@ class Window:
             self._keys.append(chr(codepoint))
 
     def _on_key(self, _window: object, key: int, scancode: int, action: int, modifiers: int) -> None:
-        """Named keys, and characters with ctrl; plain characters arrive in _on_character, as the layout makes them."""
+        """Handle named keys, and characters with ctrl. Plain characters arrive in _on_character, by keyboard layout."""
         if action not in (glfw.PRESS, glfw.REPEAT):
             return
         name = NAMED_KEYS.get(key)
@@ -343,7 +344,7 @@ class Window:
 
 
 def wait_for_events(timeout_s: float) -> None:
-    """Let every window hear what has happened, waiting at most `timeout_s` for something."""
+    """Process events of all windows, waiting at most `timeout_s` for one."""
     if timeout_s > 0:
         glfw.wait_events_timeout(timeout_s)
     else:
@@ -364,11 +365,11 @@ def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, bit
         glfw.CONTEXT_VERSION_MINOR: version[1],
         glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE,
         glfw.OPENGL_FORWARD_COMPAT: True,
-        glfw.VISIBLE: False,  # until it stands where it belongs
-        glfw.AUTO_ICONIFY: False,  # a projector's window stays when another gets the focus
+        glfw.VISIBLE: False,  # until the window is in place
+        glfw.AUTO_ICONIFY: False,  # a projector's window stays when another window gets the focus
         glfw.DEPTH_BITS: 0,
         glfw.STENCIL_BITS: 0,
-        glfw.RED_BITS: bits,  # what comes nearest is given
+        glfw.RED_BITS: bits,  # the driver chooses the nearest format
         glfw.GREEN_BITS: bits,
         glfw.BLUE_BITS: bits,
         glfw.ALPHA_BITS: 0 if bits > 8 else 8,
@@ -394,7 +395,7 @@ def _no_window(why: str = "") -> InputError:
 
 
 def _bits_of(context: moderngl.Context) -> int:
-    """Of a code value on its screen: 8, or 10 where the window system gave them."""
+    """Return the bits per code value of the context's screen: 8, or 10 if the window system provides them."""
     found: Mapping[str, int] = context.screen.bits  # type: ignore[assignment]
     context.error  # noqa: B018 - takes back what asking for parts that a screen lacks has left
     return bits_of_code(found[colour] for colour in ("red", "green", "blue"))

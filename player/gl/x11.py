@@ -1,4 +1,4 @@
-"""The calls of Xlib that GLFW does not make, for windows that no window manager may touch (Xlib manual, chapters 3, 4).
+"""Xlib calls that GLFW lacks, for windows that no window manager may touch (Xlib manual, chapters 3, 4).
 
 GLFW has loaded the same library, so its display and its windows are valid here.
 """
@@ -79,7 +79,7 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Placed:
-    """A window: its box in the window around it, and whether it is mapped, as are all around it."""
+    """A window's box within its parent, and whether the window and all its parents are mapped."""
 
     box: Box
     viewable: bool
@@ -125,7 +125,7 @@ _ignored = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(_ign
 
 @contextmanager
 def _tolerating(display: Display) -> Iterator[Any]:
-    """Xlib, whose errors mean nothing for a while: windows of others vanish at any time. Else Xlib ends the process."""
+    """Yield Xlib with errors ignored. By default errors end the process, and other programs' windows may vanish."""
     xlib = _xlib()
     xlib.XSync(display, False)
     before = xlib.XSetErrorHandler(_ignored)
@@ -138,13 +138,13 @@ def _tolerating(display: Display) -> Iterator[Any]:
 
 @contextmanager
 def connection() -> Iterator[Display | None]:
-    """A connection of our own to the server that DISPLAY names, closed at the end; None if there is none."""
+    """Open a separate connection to the server that DISPLAY names, closed at the end; None without a server."""
     try:
         xlib = _xlib()
-    except OSError:  # no Xlib: GLFW says so
+    except OSError:  # no Xlib: GLFW reports it
         yield None
         return
-    xlib.XInitThreads()  # before all other calls, as GLFW will when it starts
+    xlib.XInitThreads()  # before all other calls; GLFW does the same at its start
     display = xlib.XOpenDisplay(None)
     try:
         yield display
@@ -158,7 +158,7 @@ def root_of(display: Display) -> int:
 
 
 def parent_and_children(display: Display, window: int) -> tuple[int, list[int]]:
-    """The window around a window, and those in it from the lowest to the highest; 0 and none if it has gone."""
+    """Return a window's parent, and its children from lowest to highest; 0 and an empty list if the window is gone."""
     root, parent, count = _Window(), _Window(), ctypes.c_uint()
     found = ctypes.POINTER(_Window)()
     with _tolerating(display) as xlib:
@@ -172,7 +172,7 @@ def parent_and_children(display: Display, window: int) -> tuple[int, list[int]]:
 
 
 def placed(display: Display, window: int) -> Placed | None:
-    """Where a window is in the one around it; None if it has gone."""
+    """Return a window's place within its parent; None if the window is gone."""
     found = _Attributes()
     with _tolerating(display) as xlib:
         if not xlib.XGetWindowAttributes(display, window, ctypes.byref(found)):
@@ -181,9 +181,9 @@ def placed(display: Display, window: int) -> Placed | None:
 
 
 def set_unmanaged(display: Display, window: int, on: bool) -> None:
-    """Whether window managers are to leave it alone (override-redirect); for a window that is not mapped.
+    """Set whether window managers ignore an unmapped window (override-redirect).
 
-    The server paints what was never drawn black, as soon as the window is mapped.
+    Once the window is mapped, the server paints black what was never drawn.
     """
     wanted = _SetAttributes(background_pixel=0, override_redirect=on)
     with _tolerating(display) as xlib:
@@ -199,19 +199,19 @@ def stack(display: Display, window: int, *, below: int | None) -> None:
 
 
 def take_keys(display: Display, window: int) -> None:
-    """Have the keyboard go to a window; to whatever is below the pointer when that is gone."""
+    """Give the keyboard to a window; if the window disappears, the keyboard follows the pointer."""
     with _tolerating(display) as xlib:
         xlib.XSetInputFocus(display, window, _POINTER_ROOT, _NOW)
 
 
 def stay_awake(display: Display) -> None:
-    """Begin the time anew after which the server blanks its screens or has monitors switch off."""
+    """Restart the delay after which the server blanks its screens or switches monitors off."""
     with _tolerating(display) as xlib:
         xlib.XForceScreenSaver(display, _SCREEN_SAVER_RESET)
 
 
 def numbers(display: Display, window: int, name: str) -> list[int]:
-    """A window's property of 32-bit numbers, whatever they stand for; none if it has no such property, or has gone."""
+    """Return a window's property of 32-bit numbers; empty if the property or the window does not exist."""
     kind, width, count, left = _Atom(), ctypes.c_int(), ctypes.c_ulong(), ctypes.c_ulong()
     found = ctypes.POINTER(ctypes.c_ulong)()
     with _tolerating(display) as xlib:
@@ -233,6 +233,6 @@ def set_numbers(display: Display, window: int, name: str, values: Sequence[int])
 
 
 def forget(display: Display, window: int, name: str) -> None:
-    """Take a property away."""
+    """Delete a property."""
     with _tolerating(display) as xlib:
         xlib.XDeleteProperty(display, window, xlib.XInternAtom(display, name.encode(), False))

@@ -1,6 +1,6 @@
-"""Jobs that do not wait for each other, and who does them: processes of this machine, or a cluster of machines.
+"""Runs independent jobs, in processes of this machine or on a cluster of machines.
 
-A job is a functools.partial of an importable function and of what is small: paths, numbers, names. What is large it
-reads itself. workers.py says what workers are and has this machine's; cluster.py those of dask.distributed.
+A job is a functools.partial of an importable function and of small arguments: paths, numbers, names. The job reads
+large data itself. workers.py defines workers and this machine's workers; cluster.py has those of dask.distributed.
 May import counterlight.errors only. Read next: workers.py.
 """

@@ -1,8 +1,8 @@
 """Workers of dask.distributed (extra `cluster`): `local:N` processes of this machine, or a scheduler's address.
 
-Jobs name files instead of holding what is in them; so before the first one every worker is asked whether it has this
-very program and sees the same files. What dies is replaced by dask: the job goes to another worker, and a nanny, where
-there is one, starts a new process.
+Jobs name files instead of containing their data. Therefore every worker is checked first: it must run this exact
+program and see the same files. dask replaces dead workers: another worker takes the job, and a nanny, if there is one,
+starts a new process.
 """
 
 import asyncio
@@ -28,14 +28,15 @@ T = TypeVar("T")
 ANSWER_S = 5.0
 LOCAL = re.compile(r"local:(\d{1,3})")
 INSTALL = "install it with: pip install 'counterlight[cluster]'"
-LIBRARIES = "numpy", "scipy", "numba", "av"  # that decide the last bit of what is computed
+LIBRARIES = "numpy", "scipy", "numba", "av"  # libraries that determine results to the last bit
 
 
 class Cluster:
-    """Opened at once.  address : `local:N` or HOST:PORT.
+    """A connection to a cluster, opened on creation.
 
-    Raises InputError, in one line, where nobody answers or nobody works there, where the package lacks, and for workers
-    of another version.
+    Raises InputError if no scheduler answers, no worker exists, the package is missing, or a worker's version differs.
+
+    address : `local:N` or HOST:PORT.
     """
 
     def __init__(self, address: str) -> None:
@@ -49,11 +50,15 @@ class Cluster:
 
     @property
     def count(self) -> int:
-        """Jobs that are done at a time."""
+        """Number of jobs that run at a time."""
         return sum(self._workers.values())
 
     def check_files(self, files: Iterable[Path], shared: Path | None) -> None:
-        """InputError unless every worker sees the same files under the same names, and what comes into a folder."""
+        """Raise InputError unless every worker sees the same files under the same names.
+
+        files : files that jobs read.
+        shared : folder in which every worker must see new files; None for none.
+        """
         wanted = {str(path.absolute()): content_of(str(path.absolute())) for path in files}
         for path, content in wanted.items():
             for worker, found in self._ask(content_of, path).items():
@@ -82,10 +87,10 @@ class Cluster:
                 "give workers more memory, or look into their logs"
             ) from None
         finally:
-            executor.shutdown(wait=False)  # which takes back what is left
+            executor.shutdown(wait=False)  # cancels the remaining jobs
 
     def close(self) -> None:
-        """End a local one, or leave it."""
+        """End a local cluster, or disconnect from another."""
         self._stack.close()
 
     def __enter__(self) -> Self:
@@ -117,7 +122,7 @@ class Cluster:
         return client
 
     def _checked_workers(self) -> Mapping[str, int]:
-        """Threads by worker, each of which has this program."""
+        """Return the number of threads per worker. Raises InputError if a worker runs another program."""
         threads: Mapping[str, int] = self._client.nthreads()
         if not threads:
             raise InputError(
@@ -147,13 +152,13 @@ class Cluster:
         )
 
     def _ask(self, question: Callable[..., Any], *told: Any) -> dict[str, Any]:
-        """The answer of each worker; None where it has none."""
+        """Return the answer of each worker, None for a worker that fails."""
         answers = self._client.run(question, *told, on_error="return")
         return {worker: None if isinstance(found, BaseException) else found for worker, found in answers.items()}
 
 
 def open_cluster(address: str, files: Iterable[Path], shared: Path | None = None) -> Cluster:
-    """A cluster whose workers see these files, and what comes into the folder `shared`, if there is one."""
+    """Open a cluster whose workers see these files, and new files in the folder `shared` if it is given."""
     cluster = Cluster(address)
     try:
         cluster.check_files(files, None if shared is None else shared.absolute())
@@ -164,10 +169,10 @@ def open_cluster(address: str, files: Iterable[Path], shared: Path | None = None
 
 
 async def _greet(address: str) -> None:
-    """Raises OSError or ValueError unless a scheduler answers: a client whom nobody answers takes long to give up."""
+    """Raise OSError or ValueError unless a scheduler answers. A dask client without an answer takes long to give up."""
     from distributed.comm import connect
 
-    comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S + 1)  # what listens may say nothing
+    comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S + 1)  # the listener may not answer
     await comm.close()
 
 
@@ -188,7 +193,7 @@ def _local_cluster(count: int) -> Any:
 
 @cache
 def program() -> dict[str, str]:
-    """What a result depends on to the last bit, but for the processor."""
+    """Return the versions that determine a result to the last bit, except for the processor."""
     folder = Path(__file__).parents[1]
     sources = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))).hexdigest()
     python = ".".join(map(str, sys.version_info[:2]))
@@ -197,7 +202,7 @@ def program() -> dict[str, str]:
 
 
 def content_of(path: str) -> str | None:
-    """What tells a file's content from another's; None for what is no file that can be read."""
+    """Return the SHA-256 of a file's content, None if it cannot be read."""
     try:
         return hashlib.sha256(Path(path).read_bytes()).hexdigest()
     except OSError:

@@ -1,4 +1,4 @@
-"""Workers, and those of this machine: this very thread, or processes, each of which is replaced if it dies."""
+"""Workers, and the workers of this machine: this thread, or processes that are replaced if they die."""
 
 import multiprocessing
 import os
@@ -15,22 +15,22 @@ from counterlight.errors import InputError
 
 T = TypeVar("T")
 
-MOST_DEATHS = 3  # of the workers that a job is given to
+MOST_DEATHS = 3  # deaths of workers after which a job is given up
 THREADS = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 _SPAWN = multiprocessing.get_context("spawn")  # OpenGL and threads do not survive a fork
 
 
 class Workers(Protocol):
-    """Whoever does jobs, at most `count` at a time; a context, at whose end none works any more."""
+    """Runs jobs, at most `count` at a time. As a context manager, stops all work at the end."""
 
     @property
     def count(self) -> int: ...
 
     def completed(self, jobs: Sequence[Callable[[], T]]) -> Generator[tuple[int, T]]:
-        """The number and the result of each job, as they end.
+        """Yield the number and the result of each job, in the order of completion.
 
-        A job whose worker dies is given to another. Raises what a job raises, InputError where its workers die again
-        and again; whatever is left is given up then.
+        Another worker repeats a job whose worker dies. Raises a job's exception, and InputError if a job's workers keep
+        dying. The remaining jobs are then cancelled.
         """
 
     def __enter__(self) -> Self: ...
@@ -41,7 +41,7 @@ class Workers(Protocol):
 
 
 class Here:
-    """This thread of this process, one job after the other."""
+    """Runs jobs in this thread, one after the other."""
 
     count = 1
 
@@ -56,7 +56,7 @@ class Here:
 
 
 class Processes:
-    """Processes of this machine, which share its cores."""
+    """Runs jobs in processes of this machine, which share its cores."""
 
     def __init__(self, count: int) -> None:
         self.count, self._over = count, False
@@ -102,18 +102,21 @@ class Processes:
     def _start(self) -> "_Process":
         process = _Process(max((os.cpu_count() or 1) // self.count, 1))
         self._started.append(process)
-        if self._over:  # and nobody ends those that come after the end
+        if self._over:  # `__exit__` has already ended all others
             process.end()
             raise CancelledError
         return process
 
 
 class _DeadError(Exception):
-    """A process has died at its job."""
+    """A process died during its job."""
 
 
 class _Process:
-    """threads : that it may use."""
+    """A worker process.
+
+    threads : number of threads that it may use.
+    """
 
     def __init__(self, threads: int) -> None:
         self._pipe, theirs = _SPAWN.Pipe()
@@ -132,15 +135,16 @@ class _Process:
         return outcome
 
     def end(self) -> None:
-        """Whatever it is doing."""
+        """Kill the process, even during a job."""
         self._process.kill()
         self._process.join()
 
 
 def _serve(pipe: Connection, threads: int) -> None:
-    """Do what comes through the pipe, as long as there is somebody at its other end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's to handle
-    os.environ.update(dict.fromkeys(THREADS, str(threads)))  # before a job is read, whose modules ask for it
+    """Run the jobs from the pipe until its other end closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
+    # set before a job is unpickled, because the imported modules read it
+    os.environ.update(dict.fromkeys(THREADS, str(threads)))
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         try:

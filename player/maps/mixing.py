@@ -1,14 +1,15 @@
-"""How a camera's colours mix the projector's primaries (thesis 4.1.1), and what takes pictures through it.
+"""The mixing of the projector's primaries by the camera's colours (thesis 4.1.1), and the conversions through it.
 
-Channel k of a camera pixel sees c_k = Σ_l F_kl t_l + e_k of shares t of the three primaries. Pictures are stated in
-*screen primaries*: s = Q c, Q = M₀⁻¹, M₀ the mixing of a neutral surface, rows of sum 1, so that white stays white.
-There channels nearly decouple, and what is left of the mixing in a camera pixel is P = Q F. Its columns, made unit
-vectors, are B: with w the columns' lengths and y = w ∘ t what the maps' transport T̃ gives,
+Channel k of a camera pixel sees c_k = Σ_l F_kl t_l + e_k for shares t of the three primaries. Pictures are stated in
+*screen primaries*: s = Q c with Q = M₀⁻¹. M₀ is the mixing of a neutral surface; its rows sum to 1, so that white stays
+white. In screen primaries, channels nearly decouple; the remaining mixing of a camera pixel is P = Q F. B holds the
+columns of P, scaled to unit length. With w the columns' lengths, y = w ∘ t is the light of the maps' transport T̃, and
 
-    seen = B y + Q e,        asked: b = A (picture − Q e),  A = B⁻¹.
+    seen = B y + Q e,        target: b = A (picture − Q e),  A = B⁻¹.
 
-Each column of B has length 1, so that the squared error of y is that of the picture seen, but for what two primaries
-share. Three tiers: independent, M₀ = B = I, each channel by itself; global, one M₀ for the room, B = I; pixel, both.
+As each column of B has length 1, the squared error of y equals the error of the picture seen, except for what two
+primaries share. Three tiers: independent, M₀ = B = I, each channel by itself; global, one M₀ for the room, B = I;
+pixel, both.
 """
 
 from dataclasses import dataclass
@@ -29,18 +30,18 @@ from counterlight.files.tables import Table
 Light: TypeAlias = NDArray[np.floating]
 TIERS = ("independent", "global", "pixel")
 FILES = "mixing_red.exr", "mixing_green.exr", "mixing_blue.exr"
-LARGEST_INVERSE = 1e3  # of an entry of Q or A: beyond, a thousandth of light decides a picture's colour
+LARGEST_INVERSE = 1e3  # largest entry of Q or A; beyond it, a thousandth of the light would decide a picture's colour
 UNLIMITED = RADIANCE[1]
-SWEEPS = 3  # of 60, light that is out of reach by a fifth comes 0.005 % nearer
-ROUNDING = 1e-3  # of a sum that was written as text or as float32
+SWEEPS = 3  # 60 sweeps bring a light that exceeds the range by a fifth only 0.005 % nearer
+ROUNDING = 1e-3  # allowed error of a sum that was written as text or as float32
 
 
 @dataclass(frozen=True)
 class Mixing:
-    """What lies between a camera's radiance, a picture in screen primaries, and the light of the maps' transport.
+    """The conversions between camera radiance, a picture in screen primaries, and the light of the maps' transport.
 
     neutral : M₀, (3, 3), camera channel by primary; None if channels are independent.
-    pixel : B, (camera height, camera width, 3, 3) float32, screen primary by primary; None for no mixing beside M₀.
+    pixel : B, (camera height, camera width, 3, 3) float32, screen primary by primary; None for no mixing besides M₀.
     """
 
     neutral: FloatArray | None = None
@@ -65,30 +66,33 @@ class Mixing:
 
     @property
     def of_camera(self) -> FloatArray | None:
-        """M₀ B of every camera pixel, or M₀: from the transport's light to the camera's radiance; None for neither."""
+        """M₀ B of every camera pixel, or M₀: from the transport's light to camera radiance; None without mixing."""
         if self.neutral is None:
             return None
         return self.neutral if self.pixel is None else np.asarray(self.neutral @ self.pixel)
 
     def on_screen(self, radiance: Light) -> Light:
-        """Q c: what the camera sees, in screen primaries, (…, 3)."""
+        """Return Q c: camera radiance in screen primaries, (…, 3)."""
         return radiance if self.neutral is None else radiance @ self.to_screen.T.astype(radiance.dtype)
 
     def as_radiance(self, light: Light) -> Light:
-        """M₀ s: what the camera sees of a picture in screen primaries, (…, 3)."""
+        """Return M₀ s: camera radiance of a picture in screen primaries, (…, 3)."""
         return light if self.neutral is None else light @ self.neutral.T.astype(light.dtype)
 
     def asked(self, light: Light) -> Light:
-        """A s: light above ambient, (camera height, camera width, 3), as the maps' transport must give it."""
+        """Return A s: light above ambient, (camera height, camera width, 3), as light of the maps' transport."""
         return light if self.inverse is None else mixed(self.inverse, light)
 
     @cached_property
     def squares(self) -> FloatArray:
-        """Q Qᵀ, of `spread`: (3, 3)."""
+        """Q Qᵀ for `spread`: (3, 3)."""
         return self.to_screen @ self.to_screen.T
 
     def within(self, light: Light, full: Light) -> Light:
-        """The light of 0 to full, T̃·1, that the camera sees nearest to `light`; both (camera pixels, 3) or pictures."""
+        """Return the light within 0 to `full` (T̃·1) that the camera sees nearest to `light`.
+
+        light, full : (camera pixels, 3), or pictures.
+        """
         result = np.clip(light, 0, full)
         if self.inverse is not None:
             beyond = np.any(light != result, axis=-1)
@@ -97,19 +101,19 @@ class Mixing:
         return result
 
     def seen(self, light: Light) -> Light:
-        """B y: light of the maps' transport, (camera height, camera width, 3), in screen primaries."""
+        """Return B y: light of the maps' transport, (camera height, camera width, 3), in screen primaries."""
         return light if self.pixel is None else mixed(self.pixel, light)
 
     def asked_transpose(self, light: Light) -> Light:
-        """Aᵀ of `asked`."""
+        """Apply Aᵀ, the transpose of the matrix in `asked`."""
         return light if self.inverse is None else mixed(np.swapaxes(self.inverse, -1, -2), light)
 
     def seen_transpose(self, light: Light) -> Light:
-        """Bᵀ of `seen`."""
+        """Apply Bᵀ, the transpose of `seen`."""
         return light if self.pixel is None else mixed(np.swapaxes(self.pixel, -1, -2), light)
 
     def brightest(self, white: float, ambient: Light) -> Light:
-        """The largest |b| of each camera pixel and channel that a picture of at most white can ask for.
+        """Return the largest |b| of each camera pixel and channel for a picture of at most white.
 
         ambient : Q e, (camera height, camera width, 3).
         """
@@ -117,44 +121,56 @@ class Mixing:
         return light if self.inverse is None else mixed(np.abs(self.inverse), light)
 
     def reach(self, full: Light, ambient: Light) -> Light:
-        """The brightest grey that each primary lets a camera pixel show, radiance (camera height, camera width, 3).
+        """Return the brightest grey that each primary allows a camera pixel, radiance (camera height, camera width, 3).
 
-        A grey of g asks for g A 1 − A Q e of the full light T̃·1.  full : T̃·1.  ambient : Q e.
+        A grey g asks for g A 1 − A Q e of the full light T̃·1.
+
+        full : T̃·1.
+        ambient : Q e.
         """
         if self.inverse is None:
             return full + ambient
         return grey_reach(self.inverse, full, ambient)
 
     def shared(self, share: NDArray[np.float32]) -> "Mixing":
-        """Where the maps' transport gives only a share of the light that is seen, (camera height, camera width).
+        """Return the mixing if the maps' transport gives only a share of the visible light.
 
-        B / share, so that A asks for that share of what is asked.
+        B / share makes A ask for only that share.
+
+        share : (camera height, camera width).
         """
         pixel = np.eye(3, dtype=np.float32) if self.pixel is None else self.pixel
         return Mixing(self.neutral, np.asarray(pixel / share[..., None, None], np.float32))
 
     def to_toml(self) -> dict[str, Any]:
-        """The manifest's table [colour]; empty for independent channels."""
+        """Return the manifest's table [colour]; empty for independent channels."""
         if self.neutral is None:
             return {}
         return {"colour": {"tier": self.tier, "neutral": self.neutral.tolist()}}
 
 
 def mixed(matrices: Light, light: Light) -> Light:
-    """M v in every pixel; matrices : (height, width, 3, 3).  light : (height, width, 3)  (mix.frag)."""
+    """Return M v in every pixel (mix.frag).
+
+    matrices : (height, width, 3, 3).
+    light : (height, width, 3).
+    """
     return np.asarray(np.einsum("...kl,...l->...k", matrices, light))
 
 
 def spread(inverse: Light, squares: Light) -> FloatArray:
-    """N = A Q Qᵀ Aᵀ, the inverse of (M₀ B)ᵀ M₀ B: the others' best answer to a primary that has to give way."""
+    """Return N = A Q Qᵀ Aᵀ, the inverse of (M₀ B)ᵀ M₀ B: how the other primaries best compensate for a limited one."""
     return np.asarray(inverse @ squares @ np.swapaxes(inverse, -1, -2))
 
 
 def nearest(light: Light, full: Light, spread: FloatArray) -> FloatArray:
-    """y of 0 to full with the least (y − light)ᵀ N⁻¹ (y − light), where a primary alone ends the others make up for it.
+    """Return y within 0 to full with the least (y − light)ᵀ N⁻¹ (y − light) (desired.frag).
 
-    Hildreth 1957, A quadratic programming procedure: limit after limit, y moves along its column of N, SWEEPS times.
-    light, full : (…, 3).  spread : N, (…, 3, 3).  (desired.frag)
+    If one primary reaches its limit, the others compensate. Hildreth 1957, A quadratic programming procedure: limit
+    after limit, y moves along its column of N, SWEEPS times.
+
+    light, full : (…, 3).
+    spread : N, (…, 3, 3).
     """
     y = np.array(light, np.float64)
     moved = np.zeros_like(y)
@@ -168,21 +184,21 @@ def nearest(light: Light, full: Light, spread: FloatArray) -> FloatArray:
 
 
 def grey_reach(inverse: Light, full: Light, ambient: Light) -> Light:
-    """See Mixing.reach; a primary that grey asks nothing of does not limit it (reach.frag)."""
+    """Return the greys of Mixing.reach; a primary that grey does not need sets no limit (reach.frag)."""
     share = np.asarray(inverse.sum(axis=-1, dtype=np.float64))
     limit = full + mixed(inverse, ambient)
     return np.where(share > 0, np.minimum(limit, UNLIMITED * share) / np.where(share > 0, share, 1), UNLIMITED)
 
 
 def write(mixing: Mixing, stage: Path) -> None:
-    """The rows of B as three pictures, if there is one."""
+    """Write the rows of B as three pictures, if B exists."""
     if mixing.pixel is not None:
         for row, name in enumerate(FILES):
             exr.write_plain(stage / name, exr.rgb(mixing.pixel[..., row, :]))
 
 
 def read(manifest: Table, files: DescribedFiles, camera: tuple[int, int]) -> Mixing:
-    """What `to_toml` and `write` left; InputError for numbers that undo no mixing."""
+    """Read what `to_toml` and `write` wrote; raises InputError for a mixing that cannot be inverted."""
     if "colour" not in manifest:
         return Mixing()
     table = manifest.table("colour")
@@ -197,7 +213,7 @@ def read(manifest: Table, files: DescribedFiles, camera: tuple[int, int]) -> Mix
 
 
 def check_pixels(pixel: NDArray[np.floating], where: str, fix: str) -> None:
-    """InputError for a B that is not finite, not of unit columns, or undoes no mixing."""
+    """Raise InputError for a B that is not finite, lacks unit columns, or cannot be inverted."""
     with np.errstate(over="ignore", invalid="ignore"):
         lengths = np.linalg.norm(pixel.astype(np.float64), axis=2)
     if not (np.abs(lengths - 1) <= ROUNDING).all() or not invertible(pixel).all():
@@ -205,9 +221,9 @@ def check_pixels(pixel: NDArray[np.floating], where: str, fix: str) -> None:
 
 
 def invertible(matrices: Light, largest: float = LARGEST_INVERSE) -> NDArray[np.bool_]:
-    """Which of some 3×3 matrices, (…, 3, 3), have an inverse of no entry beyond `largest`; NaN has none.
+    """Return which 3×3 matrices, (…, 3, 3), have an inverse with no entry above `largest`; False for NaN.
 
-    By the cofactors: no singular matrix stops the others.
+    Cofactors are used, so that a singular matrix does not stop the others.
     """
     rows = np.moveaxis(np.asarray(matrices, np.float64), -2, 0)
     finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))

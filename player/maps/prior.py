@@ -1,6 +1,6 @@
-"""What a drive is drawn to where the camera says little: ½ Σ η p² + ½ Σ ω (p_j − p_k)² over neighbours j, k, a channel.
+"""The prior on the drive where the camera says little: ½ Σ η p² + ½ Σ ω (p_j − p_k)² over neighbours j, k, per channel.
 
-P, its matrix, has η + Σ ω on the diagonal and −ω beside it; pipeline/reference.py applies it (`pull`), as
+Its matrix P has η + Σ ω on the diagonal and −ω off the diagonal. pipeline/reference.py applies it (`pull`), as
 refinement_step.frag does. docs/mathematics.md 2 says where η and ω come from.
 """
 
@@ -21,9 +21,10 @@ Picture = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Prior:
-    """All (projector height, projector width, 3), ≥ 0.
+    """Weights of the prior, (projector height, projector width, 3) each, ≥ 0.
 
-    damping : η, towards darkness.  right, down : ω between a pixel and the one on its right, or below; 0 where none is.
+    damping : η, towards darkness.
+    right, down : ω of the tie to the right and lower neighbour; 0 without a tie.
     """
 
     damping: Picture
@@ -34,7 +35,7 @@ class Prior:
 
     @property
     def bound(self) -> Picture:
-        """Row sums of |P|, η + 2 Σ ω: no eigenvalue of P is above the largest, and P ≼ diag of them."""
+        """Row sums of |P|, η + 2 Σ ω. They bound P: P ≼ diag(bound), and no eigenvalue exceeds the largest one."""
         edges = self.right + self.down
         edges[:, 1:] += self.right[:, :-1]
         edges[1:] += self.down[:-1]
@@ -42,11 +43,11 @@ class Prior:
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> "Prior":
-        """Which draws nowhere."""
+        """Return a prior with all weights 0."""
         return cls(*(np.zeros((*shape, 3), np.float32) for _ in range(3)))
 
     def check(self, where: Callable[[str], str], fix: str) -> None:
-        """InputError for what is not finite, below 0, or an edge that leaves the picture. where : name -> its file."""
+        """Raise InputError for values below 0 or not finite, or ties beyond the edge. where : name -> file."""
         for name in NAMES:
             values = getattr(self, name)
             if not (np.isfinite(values).all() and values.min() >= 0):
@@ -64,12 +65,12 @@ NAMES = tuple(field.name for field in fields(Prior))
 
 
 def file_of(name: str) -> str:
-    """One of the prior's pictures in correction/."""
+    """Return the file name of one of the prior's pictures in correction/."""
     return f"prior_{name}.exr"
 
 
 def read(files: DescribedFiles, projector: tuple[int, int]) -> Prior:
-    """The prior in a folder of maps; InputError if it does not fit the projector, or is damaged."""
+    """Read the prior in a folder of maps; raises InputError if it does not fit the projector, or is damaged."""
     prior = Prior(*(exr.read_described(files, file_of(name), projector, "the projector") for name in NAMES))
     prior.check(lambda name: f"{files.folder / file_of(name)}", files.fix)
     return prior

@@ -1,7 +1,7 @@
-"""Products of sparse rows with pictures, compiled by Numba on first use and kept for the next start.
+"""Products of sparse rows with pictures, compiled by Numba on first use and cached for the next start.
 
-Large ones run on all cores; for small ones, waking the other cores would take longer than the product. Cores that wait
-for each other sleep: OpenMP's spin, and where other programs are at work they hold up the one that is waited for.
+Large products run on all cores; for small ones, waking other cores would take longer than the product. Waiting cores
+sleep. OpenMP's default is to spin, and spinning threads slow the awaited core when other programs run.
 """
 
 import os
@@ -17,25 +17,25 @@ FloatArray = NDArray[np.floating]
 F = TypeVar("F", bound=Callable[..., object])
 LARGE = 1 << 16  # entries or values
 
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read when the first loop starts its threads
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read when the first parallel loop starts its threads
 
 
 def kept(**options: Any) -> Callable[[Any], Any]:
-    """Compiled on first use, and kept for the next start where there is a folder to write to.  options : of njit."""
+    """Decorator: compile on first use, and cache for the next start if a writable folder exists. options : of njit."""
 
     def jitted(function: Any) -> Any:
         try:
             return numba.njit(cache=True, **options)(function)
-        except RuntimeError:  # neither beside its file nor in the user's cache
+        except RuntimeError:  # neither the file's folder nor the user's cache is writable
             return numba.njit(**options)(function)
 
     return jitted
 
 
 def compiled(function: F) -> tuple[F, F]:
-    """A function whose outer loop is a `numba.prange`, compiled for one core and for all.
+    """Compile a function with an outer `numba.prange` loop, for one core and for all cores.
 
-    Each under a name of its own, by which Numba keeps what it has compiled: under one, either would be read for both.
+    Each version needs its own name: Numba caches by name, and would load either version for both.
     """
     given: Any = function
     alone = FunctionType(given.__code__, given.__globals__, f"{given.__name__}_alone")
@@ -46,9 +46,13 @@ def compiled(function: F) -> tuple[F, F]:
 def product_of_channels(
     indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, source: FloatArray
 ) -> NDArray[np.float64]:
-    """Σ_k weights[k] source[indices[k]] of every row: an index is read once for all channels.
+    """Return Σ_k weights[k] source[indices[k]] of every row; each index is read once for all channels.
 
-    indptr : (rows + 1,).  indices : (entries,).  weights : (entries, 3).  source : (source pixels, 3).
+    indptr : (rows + 1,).
+    indices : (entries,).
+    weights : (entries, 3).
+    source : (source pixels, 3).
+
     Returns (rows, 3), summed in float64.
     """
     return _PRODUCT[indices.size >= LARGE](indptr, indices, weights, source)
@@ -76,7 +80,7 @@ _PRODUCT = compiled(_product)
 def transpose(
     indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, columns: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
-    """The transposes as rows: (columns + 1,), (entries,) and (entries, 3); entries of a row as the rows came."""
+    """Return the transposes as rows: (columns + 1,), (entries,), (entries, 3). Each row's entries keep their order."""
     starts = np.zeros(columns + 1, np.int64)
     for at in indices:
         starts[at + 1] += 1

@@ -1,16 +1,16 @@
 """The folder correction/ of a calibration: every row map that the player uses, and the manifest, written last.
 
 correction : T⁺ of the near light, camera picture -> projector picture (the thesis' correction map).
-transport : near light, projector picture -> camera picture (what the camera will see).
-far : the far light's factors D, M, U, if the room has any: projector picture -> parts -> cells -> camera picture.
-blurred : the blurred light's factors P, B, if the room has any: projector picture -> cells -> camera picture.
-undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
-subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
-None without far light, and where T⁺ is of near and far light in one (build --inverse thesis).
-refinement : what the player's projected gradient steps need beside T: TᵀW, step sizes, a prior, and direct mapping to
-start from.
-mixing : how the camera's colours mix the primaries; all of these maps are of the transport T̃ beyond it (mixing.py).
-words : T and Tᵀ in words of 4 bytes, for a GPU, where these are certified, beside their entries of 16 (word_map.py).
+transport : near light, projector picture -> camera picture (the predicted camera picture).
+far : factors D, M, U of the far light, if any: projector picture -> parts -> cells -> camera picture.
+blurred : factors P, B of the blurred light, if any: projector picture -> cells -> camera picture.
+undo : D' and M', which predict the far light of the *compensated* picture from the target. This light is subtracted
+    before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py. None
+    without far light, or if T⁺ covers near and far light in one (build --inverse thesis).
+refinement : inputs of the player's projected gradient steps besides T: TᵀW, step sizes, a prior, and direct mapping as
+    a start.
+mixing : mixing of the primaries by the camera; all maps belong to the transport T̃ without it (mixing.py).
+words : T and Tᵀ in certified words of 4 bytes, for a GPU, in addition to their 16-byte entries (word_map.py).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -43,20 +43,20 @@ T = TypeVar("T")
 R = TypeVar("R")
 Shapes: TypeAlias = tuple[tuple[int, int], tuple[int, int]]  # of output and source
 
-FORMAT = 2  # 1 knew no weights and no prior
+FORMAT = 2  # format 1 had no weights and no prior
 UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
-AT_A_TIME = 2  # maps that are read or written
+AT_A_TIME = 2  # maps that are read or written in parallel
 WEIGHTS, SEEN, LIT = "weights.exr", "seen.exr", "lit.exr"
 WORDS = "words"
-IN_ENTRIES = {".", "direct", "undo_gather", "undo_mix"}  # maps that are never in words
+IN_ENTRIES = {".", "direct", "undo_gather", "undo_mix"}  # maps that are never stored in words
 
 
 @dataclass(frozen=True)
 class FarMaps:
-    """gather: picture -> parts of cells; mix: parts -> cells; scatter: cells -> picture. Both are pictures of height 1.
+    """gather: picture -> parts of cells; mix: parts -> cells; scatter: cells -> picture. Parts and cells have height 1.
 
-    A cell has one part, or several where more pixels than a texture's width are gathered into it.
+    A cell has one part, or several if more pixels than a texture's width are gathered into it.
     """
 
     gather: RowMap
@@ -67,13 +67,13 @@ class FarMaps:
 
     @property
     def parts(self) -> tuple[RowMap, ...]:
-        """In the order in which they are applied."""
+        """The factors in the order of application."""
         return self.gather, self.mix, self.scatter
 
 
 @dataclass(frozen=True)
 class BlurredMaps:
-    """gather: picture -> parts of cells, as of FarMaps; scatter: parts -> picture. They fill a picture line by line."""
+    """gather: picture -> parts of cells, as in FarMaps; scatter: parts -> picture. Parts fill a picture by lines."""
 
     gather: RowMap
     scatter: RowMap
@@ -82,24 +82,24 @@ class BlurredMaps:
 
     @property
     def parts(self) -> tuple[RowMap, ...]:
-        """In the order in which they are applied."""
+        """The factors in the order of application."""
         return self.gather, self.scatter
 
 
 @dataclass(frozen=True)
 class RefinementMaps:
-    """What refinement needs beside the transport (pipeline/refinement.py); camera pixels outside the mask are left out.
+    """Inputs of refinement besides the transport (pipeline/refinement.py). Camera pixels without weight are left out.
 
     dual : TᵀW of the near light, camera picture -> projector picture.
-    far_dual : the far light's UᵀW, Mᵀ, Dᵀ, if the room has any: camera picture -> parts -> cells -> projector picture.
-    blurred_dual : the blurred light's BᵀW, Pᵀ, if the room has any.
-    direct : direct mapping, one entry a row: the camera pixel that a projector pixel lights most, over its T·1.
-    step_size : (projector height, projector width, 3) float32, 1 / (TᵀW T·1 + the prior's bound), 0 where no camera
-    pixel is lit.
-    prior : what the drive is drawn to where the camera says little.
-    weights : W's diagonal, (camera height, camera width) float32.
-    seen : (projector height, projector width) float32, how well the camera sees a pixel, 1 for as well as most.
-    lit : (camera height, camera width) float32, 1 for camera pixels that figures refer to, else 0.
+    far_dual : the far light's UᵀW, Mᵀ, Dᵀ, if any: camera picture -> parts -> cells -> projector picture.
+    direct : direct mapping, one entry per row: the camera pixel that a projector pixel lights most, divided by its T·1.
+    step_size : (projector height, projector width, 3) float32. 1 / (TᵀW T·1 + the prior's bound), or 0 if no camera
+        pixel is lit.
+    prior : prior where the camera says little.
+    weights : (camera height, camera width) float32. Diagonal of W.
+    seen : (projector height, projector width) float32. How well the camera sees a pixel; 1 for most pixels.
+    lit : (camera height, camera width) float32. 1 for camera pixels that figures refer to, else 0.
+    blurred_dual : the blurred light's BᵀW, Pᵀ, if any.
     """
 
     dual: RowMap
@@ -116,7 +116,7 @@ class RefinementMaps:
 
     @property
     def beside(self) -> list[FarMaps | BlurredMaps]:
-        """What there is of TᵀW beside `dual`."""
+        """The chains of TᵀW in addition to `dual`."""
         return [chain for chain in (self.blurred_dual, self.far_dual) if chain is not None]
 
 
@@ -124,12 +124,12 @@ class RefinementMaps:
 class RoomMaps:
     """Everything that the frame loop multiplies with.
 
-    white : the radiance level that most of the room can reach (`--white auto`).
-    details : what the builder wrote beside: options, clusters, bounds.
+    white : radiance that most of the room can reach (`--white auto`).
+    details : further entries of the manifest: options, clusters, bounds.
     refinement : None if it was left out, when the maps were built or read.
-    mixing : of the primaries, beyond which the maps stand.
-    bounded : whether no camera pixel is asked for what it cannot have by itself, b within 0 to T·1; not in chapter 5.
-    words : None if there are none, or they were not asked for.
+    mixing : mixing of the primaries; the maps exclude it.
+    bounded : whether b is limited to 0..T·1, so that no camera pixel gets an impossible target; False for chapter 5.
+    words : None if there are none, or if they were not requested.
     """
 
     correction: RowMap
@@ -152,23 +152,23 @@ class RoomMaps:
 
     @property
     def beside(self) -> list[FarMaps | BlurredMaps]:
-        """What there is of T beside `transport`."""
+        """The chains of T in addition to `transport`."""
         return [chain for chain in (self.blurred, self.far) if chain is not None]
 
     @property
     def correction_in_steps(self) -> float:
-        """What T⁺ b takes over what a step of refinement takes, T p and Tᵀ r, in entries; 0 without refinement."""
+        """Cost of T⁺ b in steps of refinement (T p and Tᵀ r), by number of entries; 0 without refinement."""
         undo = sum(part.count for part in self.undo.parts) if self.undo else 0
         return (self.correction.count + undo) / self._entries_of_a_step
 
     @property
     def direct_in_steps(self) -> float:
-        """The same of direct mapping."""
+        """Cost of direct mapping in steps of refinement; 0 without refinement."""
         return 0.0 if self.refinement is None else self.refinement.direct.count / self._entries_of_a_step
 
     @property
     def _entries_of_a_step(self) -> float:
-        """Infinite without refinement."""
+        """Entries of T and Tᵀ; infinite without refinement."""
         if self.refinement is None:
             return float("inf")
         parts = [part for chain in (*self.beside, *self.refinement.beside) for part in chain.parts]
@@ -176,7 +176,7 @@ class RoomMaps:
         return float(max(step, 1))
 
     def named(self) -> dict[str, RowMap]:
-        """Every distinct map with the folder it is stored in, relative to correction/."""
+        """Return every distinct map by its folder, relative to correction/."""
         maps = {".": self.correction, "transport": self.transport}
         if self.far is not None:
             maps |= {"far_gather": self.far.gather, "far_mix": self.far.mix, "far_scatter": self.far.scatter}
@@ -195,9 +195,9 @@ class RoomMaps:
         return maps
 
     def in_words(self, white: float) -> dict[int, WordMap]:
-        """Words for T and Tᵀ, by the identity of the map that each stands for; none where they miss their bound.
+        """Return the maps of T and Tᵀ in words, by the id of the row map that each replaces; empty if the bound fails.
 
-        What they change is judged beside the white that is shown, which may be darker than the maps'.
+        The bound is relative to the shown white, which may be darker than the maps' white.
         """
         if self.words is None or self.words.used * self.white > white:
             return {}
@@ -207,16 +207,16 @@ class RoomMaps:
 
 @contextmanager
 def replacing(stored: StoredCalibration) -> Iterator[Path]:
-    """Hold the calibration's correction/ before the long work; yields a stage for `write_maps`, which replaces it.
+    """Lock the calibration's correction/ before the long work; yields a staging folder for `write_maps`.
 
-    Raises InputError if another process is building it, or has replaced the calibration meanwhile.
+    Raises InputError if another process is building the maps, or has replaced the calibration meanwhile.
     """
     with replacing_folder(stored.folder / FOLDER, lambda _: stored.refuse_replaced()) as stage:
         yield stage
 
 
 def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
-    """Write every map, and the manifest last; InputError for maps that `read_maps` would refuse."""
+    """Write every map, and the manifest last; raises InputError for maps that `read_maps` would refuse."""
     check_white(maps.white)
     if maps.refinement is not None:
         folder = stored.folder / FOLDER
@@ -252,7 +252,7 @@ def _write_words(words: RoomWords | None, folder: Path) -> dict[str, Any]:
 
 
 def check_white(white: float) -> None:
-    """InputError for a white level that no map is made for; asked before the work."""
+    """Raise InputError for a white level outside the valid range; called before the long work."""
     if not RADIANCE[0] <= white <= RADIANCE[1]:
         raise InputError(
             f"white is a camera radiance of {white:g}, expected {RADIANCE[0]:g} to {RADIANCE[1]:g}; give T and the "
@@ -261,10 +261,11 @@ def check_white(white: float) -> None:
 
 
 def read_maps(stored: StoredCalibration, *, refinement: bool = True, words: bool = False) -> RoomMaps:
-    """Read and check correction/; InputError with the command that rebuilds it if anything is missing or damaged.
+    """Read and check correction/; raises InputError with the rebuild command if anything is missing or damaged.
 
-    refinement, words : read what refinement needs, and the maps in words, too, if they are there.
-    All of it is of one generation, even if another process builds the maps meanwhile.
+    refinement, words : whether to read the maps of refinement, and the maps in words, if they exist.
+
+    All parts belong to one build, even if another process builds the maps meanwhile.
     """
     return read_steadily(stored.folder / FOLDER / MANIFEST, lambda: _read_maps(stored, refinement, words))
 
@@ -326,13 +327,13 @@ def _read_words(manifest: Table, maps: RoomMaps, files: DescribedFiles) -> RoomW
 
 
 def _each(given: Mapping[str, T], job: Callable[[str, T], R]) -> dict[str, R]:
-    """What a job makes of each, some at a time: hashing, copying and files leave Python's lock to others."""
+    """Apply a job to each item, AT_A_TIME in parallel; hashing, copying and file access release Python's lock."""
     with ThreadPoolExecutor(AT_A_TIME) as threads:
         return dict(zip(given, threads.map(job, given.keys(), given.values()), strict=True))
 
 
 def _shapes_of_words(maps: Mapping[str, RowMap]) -> dict[str, Shapes]:
-    """Of output and source: those of the maps, but the far light's dual is its transpose, part for part."""
+    """Return output and source shapes of the maps; the far light's dual has the transposed shapes, factor by factor."""
     shapes = {name: (each.output_shape, each.source_shape) for name, each in maps.items()}
     for name, of in (("dual_gather", "far_scatter"), ("dual_mix", "far_mix"), ("dual_scatter", "far_gather")):
         if name in shapes:
@@ -342,9 +343,9 @@ def _shapes_of_words(maps: Mapping[str, RowMap]) -> dict[str, Shapes]:
 
 
 def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> dict[str, Table]:
-    """What the manifest says of each map that is to be read; InputError unless they are all there and fit together.
+    """Return the manifest's table of each required map; raises InputError unless all exist and fit together.
 
-    The names are ours: what else a manifest lists names no file.
+    The names are fixed in the code, so that a manifest cannot name other files.
     """
     listed = manifest.table("maps")
     camera, projector = stored.calibration.camera.shape, stored.calibration.projector.shape
@@ -379,7 +380,7 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
 
 
 def _read_positive(files: DescribedFiles, name: str, shape: tuple[int, int], whose: str) -> NDArray[np.float32]:
-    """A picture of steps, weights or shares; InputError if it does not fit, or is damaged."""
+    """Read a picture of steps, weights or shares; raises InputError if it does not fit, or is damaged."""
     picture = exr.read_described(files, name, shape, whose)
     _check_positive(picture, f"{files.folder / name}", files.fix)
     return picture

@@ -1,11 +1,11 @@
-"""THE CONTRACT: a sparse matrix as two textures (thesis 5.2), one for all of T, Tᵀ, T⁺ and their parts.
+"""THE CONTRACT: a sparse matrix as two textures (thesis 5.2), the one format of T, Tᵀ, T⁺ and their factors.
 
-A row of the matrix makes one pixel of the output picture: out[i] = Σ_k weight[k] · source[index[k]], per channel.
-The *lookup texture* (output resolution) says where a row starts and how long it is; the *entries texture* holds
-(w_R, w_G, w_B, index) with index = x + y·width of the source picture. Rows are sorted by length and never break across
-texture rows. A texture is at most 16384 texels wide and as high as it needs to be; it is handled in blocks, so that
-memory holds it once. The format is written and read here; shaders/row_map.frag applies it, pipeline/reference.py is its
-twin.
+A row of the matrix computes one pixel of the output picture: out[i] = Σ_k weight[k] · source[index[k]], per channel.
+The *lookup texture* (output resolution) says where a row starts and how long it is. The *entries texture* holds (w_R,
+w_G, w_B, index) with index = x + y·width of the source picture. Rows are sorted by length and never break across
+texture rows. A texture is at most 16384 texels wide, and as high as necessary. It is processed in blocks, so that
+memory holds it only once. This module writes and reads the format; shaders/row_map.frag applies it, and
+pipeline/reference.py has the CPU function.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,10 +28,10 @@ from counterlight.files.exr_header import MAX_PIXELS
 from counterlight.files.tables import Table
 from counterlight.maps.shelves import MOST_TEXELS, SHORTEN, place_rows
 
-MAX_TEXTURE_WIDTH = 16384  # OpenGL implementations of the last fifteen years, llvmpipe included
-MAX_FLOAT_INDEX = 1 << 24  # every integer below is exact in a float32, so an index fits the alpha channel
+MAX_TEXTURE_WIDTH = 16384  # limit of OpenGL implementations of the last fifteen years, llvmpipe included
+MAX_FLOAT_INDEX = 1 << 24  # smaller integers are exact in float32, so an index fits the alpha channel
 TEXEL_BYTES = 16
-BLOCK = 1 << 22  # entries that are put into their places at a time
+BLOCK = 1 << 22  # entries that are placed at a time
 LOOKUP_CHANNELS, ENTRIES_CHANNELS = ("X", "Y", "LENGTH"), ("R", "G", "B", "A")
 
 UintArray = NDArray[np.uint32]
@@ -41,10 +41,12 @@ OpenFile: TypeAlias = Callable[[Path], AbstractContextManager[BufferedReader]]
 
 @dataclass(frozen=True)
 class SparseRows:
-    """A sparse matrix for each of three channels, all of one pattern, in compressed rows; it applies to (pixels, 3).
+    """A sparse matrix per channel, with one shared pattern, in compressed rows; it applies to (pixels, 3).
 
-    indptr : (rows + 1,).  indices : (entries,), the source pixel.  weights : (entries, 3), float32 or float64.
-    columns : source pixels.
+    indptr : (rows + 1,).
+    indices : (entries,). Source pixel.
+    weights : (entries, 3), float32 or float64.
+    columns : number of source pixels.
     """
 
     indptr: NDArray[np.integer]
@@ -69,7 +71,7 @@ class SparseRows:
 
     @cached_property
     def transposed(self) -> "SparseRows":
-        """The transposes, as rows: gathering is twice as fast as scattering."""
+        """The transposes as rows; gathering is twice as fast as scattering."""
         from counterlight.maps.products import transpose
 
         indptr, indices, weights = transpose(*self._operands, self.columns)
@@ -77,54 +79,55 @@ class SparseRows:
 
     @cached_property
     def _operands(self) -> tuple[NDArray[np.uint64], NDArray[np.uint32], NDArray[np.floating]]:
-        """Unsigned, so that Numba need not look whether they count from the end: a sixth less time."""
+        """Operands with unsigned indices, which spare Numba a wraparound check: a sixth less time."""
         indptr, indices = self.indptr.astype(np.int64, copy=False), self.indices.astype(np.int32, copy=False)
         return indptr.view(np.uint64), indices.view(np.uint32), np.ascontiguousarray(self.weights)
 
     def apply(self, source: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Σ_k weights[k] source[indices[k]] of every row: (source pixels, 3) -> (rows, 3), summed in float64."""
-        from counterlight.maps.products import product_of_channels  # Numba takes half a second: not before it is used
+        """Return Σ_k weights[k] source[indices[k]] of every row: (source pixels, 3) -> (rows, 3), summed in float64."""
+        # importing Numba takes half a second, so only when needed
+        from counterlight.maps.products import product_of_channels
 
         if source.shape != (self.columns, 3):
             raise ValueError(f"{source.shape[0]} values of shape {source.shape[1:]}, expected ({self.columns}, 3)")
         return product_of_channels(*self._operands, np.ascontiguousarray(source))
 
     def apply_transpose(self, picture: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(rows, 3) -> (source pixels, 3)."""
+        """Multiply by the transpose: (rows, 3) -> (source pixels, 3)."""
         return self.transposed.apply(picture)
 
     def sums(self) -> NDArray[np.float64]:
-        """Of every row, (rows, 3): what `apply` makes of ones, without Numba."""
+        """Return the sum of every row, (rows, 3): `apply` to ones, without Numba."""
         rows, count = self.rows, self.shape[0]
         return np.stack([np.bincount(rows, weights, count) for weights in self.weights.T], axis=1)
 
     def where(self, keep: NDArray[np.bool_]) -> "SparseRows":
-        """Those entries only, (entries,)."""
+        """Keep only some entries. keep : (entries,)."""
         if keep.all():
             return self
         kept_before = np.concatenate([[0], np.cumsum(keep)])
         return SparseRows(kept_before[self.indptr], self.indices[keep], self.weights[keep], self.columns)
 
     def at(self, rows: NDArray[np.integer]) -> "SparseRows":
-        """Some of its rows, in that order."""
+        """Return some rows, in the given order."""
         lengths = self.lengths[rows]
         starts = np.concatenate([[0], np.cumsum(lengths)])
         entries = np.repeat(self.indptr[rows] - starts[:-1], lengths) + np.arange(starts[-1])
         return SparseRows(starts, self.indices[entries], self.weights[entries], self.columns)
 
     def of_columns(self, chosen: NDArray[np.integer]) -> "SparseRows":
-        """Some of its columns, (n,) ascending."""
+        """Return some columns. chosen : (n,), ascending."""
         place = np.full(self.columns, -1, np.int32)
         place[chosen] = np.arange(chosen.size)
         kept = self.where(place[self.indices] >= 0)
         return replace(kept, indices=place[kept.indices], columns=chosen.size)
 
     def inside(self, mask: NDArray[np.bool_]) -> "SparseRows":
-        """The other rows left empty, (rows,), and entries of 0 left out."""
+        """Empty the rows outside a mask (rows,), and drop entries of 0."""
         return self.where((self.weights != 0).any(axis=1) & mask[self.rows])
 
     def scaled(self, factors: NDArray[np.floating]) -> "SparseRows":
-        """Each row times its factor, (rows,), or one for each channel, (rows, 3); empty where that is 0."""
+        """Scale each row by its factor, (rows,) or per channel (rows, 3); rows with factor 0 become empty."""
         if np.all(factors == 1):
             return self
         each = factors.reshape(self.shape[0], -1)
@@ -136,14 +139,14 @@ class SparseRows:
 
 
 def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:
-    """Their rows, one band after the other."""
+    """Stack the rows of several bands."""
     lengths = np.concatenate([band.lengths for band in bands])
     indices, weights = (np.concatenate([getattr(band, name) for band in bands]) for name in ("indices", "weights"))
     return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, bands[0].columns)
 
 
 def beside_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
-    """The columns of both: a row's entries in `left`, then those in `right`."""
+    """Join the columns of two matrices: each row has its entries of `left`, then of `right`."""
     indptr, pair = left.indptr + right.indptr, (left, right)
     before = right.indptr[:-1], left.indptr[1:]
     places = [
@@ -161,8 +164,8 @@ def beside_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
 class RowMap:
     """A packed sparse matrix.
 
-    lookup : (output height, output width, 3) uint32, the (x, y, length) of each row's first entry.
-    entries : (texture height, texture width, 4) float32, (w_R, w_G, w_B, index).
+    lookup : (output height, output width, 3) uint32. (x, y, length) of each row's first entry.
+    entries : (texture height, texture width, 4) float32. (w_R, w_G, w_B, index).
     source_shape : (height, width) of the picture that the indices address.
     index : (texture height, texture width) uint32, only if the source has more than 2²⁴ pixels; alpha is then 0.
     """
@@ -180,12 +183,12 @@ class RowMap:
 
     @property
     def count(self) -> int:
-        """Entries in use."""
+        """Number of entries in use."""
         return int(self.lookup[..., 2].sum(dtype=np.int64))
 
     @property
     def fill(self) -> float:
-        """Share of the entries texture that is in use."""
+        """Share of the entries texture in use."""
         return self.count / float(self.entries.shape[0] * self.entries.shape[1])
 
     @property
@@ -201,11 +204,10 @@ def pack(
 ) -> RowMap:
     """Pack a matrix: its rows are the output's pixels, its columns the source's, both row by row from the top.
 
-    Entries whose three weights are all zero are left out.
-    Raises InputError for weights that are not finite, if a row is longer than the widest texture, and for more entries
-    than a map or memory holds.
+    Entries with three zero weights are dropped. Raises InputError for weights that are not finite, for a row longer
+    than the widest texture, and for more entries than a map or memory holds.
     """
-    with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which is refused
+    with np.errstate(over="ignore"):  # values beyond float32 become infinity, which is refused
         rows = replace(rows, weights=rows.weights.astype(np.float32, copy=False))
     rows = rows.where(np.asarray(rows.weights.any(axis=1)))
     height, width = output_shape
@@ -233,22 +235,24 @@ def pack(
 
 
 def unpack(packed: RowMap) -> SparseRows:
-    """The matrix that `pack` was given, its zero entries left out."""
+    """Return the matrix that `pack` received, without zero entries."""
+    from counterlight.maps.unpacking import unpack_entries  # imports Numba, which takes half a second
+
     indptr, (height, width) = _indptr(packed), packed.source_shape
     rows = SparseRows(indptr, np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32), height * width)
-    for some, block in in_blocks(packed):
-        rows.indices[some], rows.weights[some] = block.indices, block.weights
+    index = np.zeros((0, 0), np.uint32) if packed.index is None else packed.index
+    unpack_entries(packed.lookup.reshape(-1, 3), packed.entries, index, indptr, rows.indices, rows.weights)
     return rows
 
 
 def in_blocks(packed: RowMap) -> Iterator[tuple[slice, SparseRows]]:
-    """The matrix, some of its rows at a time: which of all entries these are, and the rows."""
+    """Yield the matrix in bands of rows: the slice of all entries, and the rows."""
     for some, indptr, texels in _places(packed):
         yield some, _at(packed, indptr, texels)
 
 
 def _at(packed: RowMap, indptr: NDArray[np.int64], texels: NDArray[np.int64]) -> SparseRows:
-    """Rows that begin at `indptr` among the entries in `texels`."""
+    """Return rows that start at `indptr` within the entries in `texels`."""
     entries = packed.entries.reshape(-1, 4)[texels]
     indices = entries[:, 3] if packed.index is None else packed.index.ravel()[texels]
     columns = packed.source_shape[0] * packed.source_shape[1]
@@ -256,12 +260,12 @@ def _at(packed: RowMap, indptr: NDArray[np.int64], texels: NDArray[np.int64]) ->
 
 
 def rows_of(packed: RowMap, part: tuple[slice, slice]) -> SparseRows:
-    """The rows of a part of the output's picture."""
+    """Return the rows of a part of the output picture."""
     return _looked_up(packed, packed.lookup[part].reshape(-1, 3))
 
 
 def rows_between(packed: RowMap, first: int, last: int) -> SparseRows:
-    """The rows of some pixels of the output, one after the other; `last` is the one behind."""
+    """Return the rows of consecutive output pixels; `last` is exclusive."""
     return _looked_up(packed, packed.lookup.reshape(-1, 3)[first:last])
 
 
@@ -272,7 +276,7 @@ def _looked_up(packed: RowMap, lookup: UintArray) -> SparseRows:
 
 
 def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[np.int64]]]:
-    """Some rows at a time: which of all entries are theirs, where each row begins among these, and their texels."""
+    """Yield bands of rows: the slice of all entries, the start of each row within it, and the texels."""
     indptr, width = _indptr(packed), packed.entries.shape[1]
     lookup = packed.lookup.reshape(-1, 3)
     for first, last in bands(indptr):
@@ -283,7 +287,7 @@ def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[
 
 
 def bands(indptr: NDArray[np.integer]) -> Iterator[tuple[int, int]]:
-    """First row and the one after the last of some rows at a time, of BLOCK entries at most; a longer one is alone."""
+    """Yield (first, last) of bands of at most BLOCK entries, `last` exclusive. A longer row is a band by itself."""
     first = 0
     while first < indptr.size - 1:
         last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + BLOCK, side="right")) - 1)
@@ -312,9 +316,10 @@ def write(packed: RowMap, folder: Path) -> dict[str, Any]:
 
 
 def read(folder: Path, sizes: Table, opened: OpenFile | None = None) -> RowMap:
-    """Read what `write` wrote and check it against the manifest's `sizes` and against itself.
+    """Read what `write` wrote, and check it against the manifest's `sizes` and for consistency.
 
-    opened : how a file is opened, such as by its checksum.
+    opened : function that opens a file, for example with a checksum test.
+
     Raises InputError for anything that would let a shader read a wrong or missing texel.
     """
     output, source, texture = shapes(sizes)
@@ -348,13 +353,13 @@ def read(folder: Path, sizes: Table, opened: OpenFile | None = None) -> RowMap:
 
 
 def shapes(sizes: Table) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
-    """(height, width) of a map's output, source and entries texture, as its manifest promises them."""
+    """Return (height, width) of a map's output, source and entries texture, as its manifest states them."""
     output, source = (sizes.size(key, MAX_PIXELS) for key in ("output", "source"))
     return output, source, sizes.size("texture", MOST_TEXELS)
 
 
 class _LookupCheck:
-    """Looks at rows of a lookup texture: InputError for one outside the entries texture, or more than it holds."""
+    """Checks rows of a lookup texture; raises InputError for rows outside the entries texture, or overlapping rows."""
 
     def __init__(self, texture: tuple[int, int], where: Path, fix: str) -> None:
         self._height, self._width = texture

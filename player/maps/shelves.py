@@ -1,4 +1,4 @@
-"""Where the rows of a matrix lie in the entries texture: sorted by length, so that it is full (thesis 5.2)."""
+"""Places the rows of a matrix in the entries texture: sorted by length, so that the texture is full (thesis 5.2)."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.files.exr_header import MOST_PIXELS
 
-MOST_TEXELS = MOST_PIXELS  # 16 GiB; OpenGL takes a tall texture in tiles (gl/row_map_pass.py)
+MOST_TEXELS = MOST_PIXELS  # 16 GiB; OpenGL stores a tall texture in tiles (gl/row_map_pass.py)
 SHORTEN = "shorten the rows with --max-cluster, or a larger --max-error or --regularize"
 GOOD_FILL = 0.99
 
@@ -42,7 +42,7 @@ def place_rows(
 
 
 def _candidate_widths(total: int, longest: int, commonest: int, max_width: int) -> list[int]:
-    """Texture widths to try, near square first: multiples of the commonest and the longest row waste least."""
+    """Return texture widths to try, near square first; multiples of the commonest or longest row waste least."""
     square = max(longest, int(np.ceil(np.sqrt(total))))
     widths = []
     for scale in (1.0, 1.5, 2.0, 3.0, 4.0, 8.0, 16.0):
@@ -54,14 +54,14 @@ def _candidate_widths(total: int, longest: int, commonest: int, max_width: int) 
 
 @dataclass(frozen=True)
 class _Shelf:
-    """Texture rows filled alike: `repeats` rows, each holding `parts` = ((row length, how many), …) from x = 0."""
+    """Identical texture rows: `repeats` rows, each with `parts` = ((row length, count), …) from x = 0."""
 
     repeats: int
     parts: tuple[tuple[int, int], ...]
 
 
 def _fill_shelves(counts: NDArray[np.int64], width: int) -> list[_Shelf]:
-    """Fill texture rows greedily with the longest row that still fits; equal texture rows are found only once."""
+    """Fill texture rows greedily with the longest row that still fits; identical texture rows are computed once."""
     left = counts.copy()
     shelves: list[_Shelf] = []
     while True:
@@ -81,7 +81,7 @@ def _fill_shelves(counts: NDArray[np.int64], width: int) -> list[_Shelf]:
 
 
 def _coordinates(lengths: NDArray[np.int64], shelves: list[_Shelf]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Hand the shelves' places to the rows: rows of one length take theirs in order, so neighbours stay neighbours."""
+    """Assign the shelves' places to rows; rows of one length keep their order, so neighbours stay neighbours."""
     order = np.argsort(lengths, kind="stable")
     next_of_length = np.searchsorted(lengths[order], np.arange(int(lengths.max()) + 1))
     x, y = np.zeros(lengths.size, np.int64), np.zeros(lengths.size, np.int64)

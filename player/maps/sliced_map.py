@@ -1,9 +1,9 @@
 """A row map's entries in the order in which a compute shader's workgroups read them (sliced ELLPACK, sorted rows).
 
-Rows are binned by length, eight bins to a doubling, and follow each other in tiles of 8×8 pixels within a bin: the
-invocations of a workgroup run about equally long and read neighbouring places of the source. A workgroup's entries are
-interleaved, so that its invocations read one contiguous stretch at a time (Kreutzer et al. 2014, SELL-C-σ). Where there
-are few rows, several invocations (`lanes`) share one. Knows no OpenGL; shaders/row_map.comp reads it.
+Rows are binned by length, eight bins per doubling; within a bin they follow in tiles of 8×8 pixels. The invocations of
+a workgroup therefore take about equally long, and read neighbouring source pixels. A workgroup's entries are
+interleaved, so that its invocations read one contiguous stretch at a time (Kreutzer et al. 2014, SELL-C-σ). If there
+are few rows, several invocations (`lanes`) share a row. Uses no OpenGL; shaders/row_map.comp reads the result.
 """
 
 from collections.abc import Iterator
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from counterlight.maps.row_map import RowMap, UintArray
 
 GROUP = 64  # invocations of a workgroup
-BINS = 8  # to a doubling of the length
+BINS = 8  # per doubling of the length
 TILE = 8
 ENOUGH = 1 << 16  # invocations that keep a GPU busy
-MOST_GROUPS = 65535  # of a dispatch, what OpenGL promises
+MOST_GROUPS = 65535  # per dispatch, the minimum that OpenGL guarantees
 NO_PIXEL = 0xFFFFFFFF
 
 IntArray = NDArray[np.int64]
@@ -26,11 +26,11 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Part:
-    """What one dispatch reads.
+    """The input of one dispatch.
 
-    rows : (rows, 4) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), 0, length, first
-    entry. A row's k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
-    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16.
+    rows : (rows, 4) uint32. Output pixel x | y << 16 (NO_PIXEL for padding), 0, length, first entry. A row's k-th entry
+        is entry `first + k // lanes · GROUP + k % lanes`.
+    entries : (entries, 4) uint32. Bits of three float32 weights, source x | y << 16.
     """
 
     rows: UintArray
@@ -38,12 +38,12 @@ class Part:
 
 
 def lanes_of(packed: RowMap) -> int:
-    """Invocations a row: more than one where there are few rows of many entries."""
+    """Return the invocations per row: more than one for few rows with many entries."""
     return lanes_for(packed.lookup.shape[0] * packed.lookup.shape[1], packed.count)
 
 
 def lanes_for(rows: int, entries: int) -> int:
-    """As `lanes_of`."""
+    """Return the invocations per row, given the numbers of rows and entries."""
     mean, lanes = entries / rows, 1
     while lanes < GROUP and rows * lanes < ENOUGH and 2 * lanes <= mean:
         lanes *= 2
@@ -51,7 +51,7 @@ def lanes_for(rows: int, entries: int) -> int:
 
 
 def parts(packed: RowMap, lanes: int, most_entries: int) -> Iterator[Part]:
-    """The map in pieces of at most `most_entries`, padding included; one workgroup is always whole."""
+    """Yield the map in parts of at most `most_entries`, padding included; a workgroup is never split."""
     shape, starts, lengths = _rows(packed)
     order = row_order(lengths, shape)
     a_group = GROUP // lanes
@@ -63,9 +63,10 @@ def parts(packed: RowMap, lanes: int, most_entries: int) -> Iterator[Part]:
 
 
 def row_order(lengths: IntArray, shape: tuple[int, int]) -> IntArray:
-    """Output pixels, those with the longest rows first; of one bin, tile by tile.
+    """Return output pixels, longest rows first; within a bin, tile by tile.
 
-    lengths : (pixels,).  shape : (height, width).
+    lengths : (pixels,).
+    shape : (height, width).
     """
     bins = np.where(lengths > 0, np.floor(BINS * np.log2(np.maximum(lengths, 1))), -1)
     y, x = np.divmod(np.arange(lengths.size), shape[1])
@@ -73,7 +74,7 @@ def row_order(lengths: IntArray, shape: tuple[int, int]) -> IntArray:
 
 
 def cut(sizes: IntArray, most: int) -> Iterator[slice]:
-    """Consecutive workgroups whose entries together are at most `most`, and at most MOST_GROUPS of them."""
+    """Yield slices of consecutive workgroups with at most `most` entries, and at most MOST_GROUPS workgroups."""
     ends, first = np.cumsum(sizes), 0
     while first < sizes.size:
         before = ends[first] - sizes[first]
@@ -106,19 +107,19 @@ def _part(
 
 
 def _rows(packed: RowMap) -> tuple[tuple[int, int], IntArray, IntArray]:
-    """Output shape, and each row's first texel and length."""
+    """Return the output shape, and each row's first texel and length."""
     x, y, lengths = (packed.lookup[..., i].ravel().astype(np.int64) for i in range(3))
     return packed.output_shape, y * packed.entries.shape[1] + x, lengths
 
 
 def _runs(starts: IntArray, lengths: IntArray) -> tuple[IntArray, IntArray]:
-    """Where each row begins in a list of all rows' texels, and that list."""
+    """Return where each row begins in a list of all rows' texels, and that list."""
     first = np.cumsum(lengths) - lengths
     return first, np.repeat(starts - first, lengths) + np.arange(int(lengths.sum()))
 
 
 def _source(packed: RowMap, texels: IntArray) -> tuple[IntArray, IntArray]:
-    """x and y of the source pixels."""
+    """Return x and y of the source pixels."""
     index = packed.entries[..., 3] if packed.index is None else packed.index
     y, x = np.divmod(index.ravel()[texels].astype(np.int64), packed.source_shape[1])
     return x, y

@@ -1,7 +1,7 @@
 """A small map's words in the order in which a compute shader's workgroups read them; see sliced_map.py.
 
-The lanes of a row take its entries by turns, each as a run of its own; the runs of a workgroup are interleaved and
-filled up with words that say nothing. Knows no OpenGL; shaders/small_map.comp reads it.
+A row's entries are dealt to its lanes in turn; each lane is a separate run. The runs of a workgroup are interleaved and
+padded with empty words. Uses no OpenGL; shaders/small_map.comp reads the result.
 """
 
 from collections.abc import Iterator
@@ -17,11 +17,12 @@ from counterlight.maps.word_map import WordMap
 
 @dataclass(frozen=True)
 class WordPart:
-    """What one dispatch reads.
+    """The input of one dispatch.
 
-    rows : (rows, 1 or 2) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), the colour if there
-    is any.  groups : (workgroups, 2) uint32: first word, words of a run.
-    words : run r's k-th word is `first + k · GROUP + r % GROUP`.
+    rows : (rows, 1 or 2) uint32. Output pixel x | y << 16 (NO_PIXEL for padding), and the colour if the map has
+        colours.
+    groups : (workgroups, 2) uint32. First word, words per run.
+    words : (words,) uint32. Run r's k-th word is `first + k · GROUP + r % GROUP`.
     """
 
     rows: UintArray
@@ -34,8 +35,8 @@ def lanes_of_words(small: WordMap) -> int:
 
 
 def word_parts(small: WordMap, lanes: int, most_words: int) -> Iterator[WordPart]:
-    """The map in pieces of at most `most_words`, filling included; one workgroup is always whole."""
-    from counterlight.maps.word_runs import in_words  # Numba takes half a second: not before it is used
+    """Yield the map in parts of at most `most_words`, padding included; a workgroup is never split."""
+    from counterlight.maps.word_runs import in_words  # importing Numba takes half a second, so only when needed
 
     runs = small.runs
     order = row_order(np.diff(runs.starts), small.output_shape)
@@ -64,7 +65,7 @@ def word_parts(small: WordMap, lanes: int, most_words: int) -> Iterator[WordPart
 
 
 def _chosen(runs: Words, pixels: IntArray) -> Words:
-    """The runs of some rows, none for -1."""
+    """Return the runs of some rows; an empty run for -1."""
     lengths = np.where(pixels >= 0, np.diff(runs.starts)[pixels], 0)
     starts = np.concatenate([[0], np.cumsum(lengths)])
     at = np.repeat(runs.starts[pixels] - starts[:-1], lengths) + np.arange(starts[-1])
@@ -72,7 +73,7 @@ def _chosen(runs: Words, pixels: IntArray) -> Words:
 
 
 def _lanes(small: SmallMap, pixels: IntArray, lanes: int) -> SmallMap:
-    """The rows of some pixels, none for -1, as runs of their own: (pixels · lanes) rows."""
+    """Return the rows of some pixels, empty for -1, split into `lanes` runs each: (pixels · lanes) rows."""
     lengths = np.where(pixels >= 0, np.diff(small.indptr)[pixels], 0)
     row = np.repeat(np.arange(pixels.size), lengths)
     k = np.arange(row.size) - np.repeat(np.cumsum(lengths) - lengths, lengths)

@@ -1,15 +1,15 @@
-"""A sparse matrix in words of 4 bytes: T ≈ diag(C) W, one picture of colours C, and whole numbers for weights.
+"""A sparse matrix in words of 4 bytes: T ≈ diag(C) W, with one picture of colours C, and integer weights.
 
-The rows of T are nearly one weight times a colour of the camera pixel: T_k[i,j] = C_k(i) · code_k[i,j], where the code
-is mostly the same for red, green and blue and then takes one word, as does a code of one channel; three different ones
-take two. The transpose has the same codes, and its source is the picture times C: both are transposes of each other
-to the last bit, and no colour is held twice. Which colours and codes: tools/inverse/words_fit.py.
+A row of T is nearly a weight times a colour of the camera pixel: T_k[i,j] = C_k(i) · code_k[i,j]. Most codes are equal
+for red, green and blue and then take one word, as does a code of a single channel; three different codes take two
+words. The transpose has the same codes, and its source is the picture times C. Both are therefore exact transposes of
+each other, and colours are stored once. tools/inverse/words_fit.py chooses colours and codes.
 
-A row is a run of words, the bits from the lowest: 3 say what the word is, 13 the distance from the source pixel before,
-16 the code, a small float: fraction (12), exponent (3), sign, so that small weights are as exact as large ones: whole
-numbers below 2¹², then (2¹² + fraction) 2^(exponent − 1). Words of another kind: JUMP, 29 bits of distance; THREE,
-whose code is red and whose next word is green | blue << 16; TRUST, whose 16 bits are the row's weight in refinement.
-shaders/small_words.glsl reads them.
+A row is a run of words. From the lowest bit: 3 bits for the kind, 13 for the distance from the previous source pixel,
+16 for the code. The code is a small float, so that small and large weights have the same relative precision: fraction
+(12 bits), exponent (3), sign. It stands for integers below 2¹², then for (2¹² + fraction) 2^(exponent − 1). Other
+kinds: JUMP has 29 bits of distance. THREE holds the red code, and the next word is green | blue << 16. TRUST holds the
+row's weight in refinement in its upper 16 bits. shaders/small_words.glsl reads the words.
 """
 
 from dataclasses import dataclass, replace
@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from counterlight.maps.row_map import SparseRows
 
-JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 of red, green, blue alone
+JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 for red, green, blue alone
 OTHERS = -1  # green and blue of THREE
 FRACTION_BITS, MOST_SHIFT = 12, 6
 LARGEST_CODE = ((2 << FRACTION_BITS) - 1) << MOST_SHIFT
 FULL_TRUST = 32767
 FARTHEST_STEP, FARTHEST_JUMP = (1 << 13) - 1, (1 << 29) - 1
-FULL, HIGHEST = 4095, 63  # a colour's largest channel, and exponent
+FULL, HIGHEST = 4095, 63  # maximum of a colour's channel, and of its exponent
 WORD_BYTES = 4
 
 IntArray = NDArray[np.int64]
@@ -36,9 +36,11 @@ Uint32 = NDArray[np.uint32]
 class SmallMap:
     """out_i = scale · C(i) ∘ Σ_j code[i,j] ∘ source_j.
 
-    indptr : (rows + 1,).  indices : (entries,), ascending in each row.  codes : (entries, 3) int32, of `coded`.
-    colours : (rows,) uint32, C as `colours_of` reads it; None for 1.
-    trust : (rows,), w of a product that is weighed, w C ∘ (base − out), in parts of FULL_TRUST.
+    indptr : (rows + 1,).
+    indices : (entries,), ascending in each row.
+    codes : (entries, 3) int32, as `coded` returns them.
+    colours : (rows,) uint32. C in the format of `colours_of`; None for 1.
+    trust : (rows,). w of a weighted product, w C ∘ (base − out), in units of 1 / FULL_TRUST.
     """
 
     indptr: IntArray
@@ -56,7 +58,7 @@ class SmallMap:
 
     @property
     def most_words(self) -> int:
-        """More than it takes: three an entry, if it is far from the one before, and one of each row."""
+        """Upper bound of the number of words: three per entry, and one per row."""
         return 3 * self.count + self.indptr.size
 
     @property
@@ -75,8 +77,8 @@ class SmallMap:
         return gain.reshape(*self.output_shape, 3)
 
     def transposed(self, kept: NDArray[np.bool_] | None, colours: Uint32 | None) -> "SmallMap":
-        """The codes' transpose, of those rows alone that are `kept`.  colours : of its own rows."""
-        from counterlight.maps.products import transpose  # Numba takes half a second: not before it is used
+        """Return the codes' transpose, using only the rows in `kept`. colours : colours of the transpose's rows."""
+        from counterlight.maps.products import transpose  # importing Numba takes half a second, so only when needed
 
         own = self if kept is None else self.where(np.repeat(kept, np.diff(self.indptr)))
         columns = self.source_shape[0] * self.source_shape[1]
@@ -84,14 +86,14 @@ class SmallMap:
         return SmallMap(indptr, indices, codes, self.source_shape, self.output_shape, colours, scale=self.scale)
 
     def where(self, keep: NDArray[np.bool_]) -> "SmallMap":
-        """Those entries only, (entries,)."""
+        """Keep only some entries. keep : (entries,)."""
         if keep.all():
             return self
         kept_before = np.concatenate([[0], np.cumsum(keep)])
         return replace(self, indptr=kept_before[self.indptr], indices=self.indices[keep], codes=self.codes[keep])
 
     def of_rows(self, first: int, last: int) -> "SmallMap":
-        """Some rows one after the other, as a picture of one line."""
+        """Return consecutive rows as a picture of one line."""
         start, end = int(self.indptr[first]), int(self.indptr[last])
         return SmallMap(
             self.indptr[first : last + 1] - start,
@@ -105,7 +107,7 @@ class SmallMap:
         )
 
     def unpacked(self) -> SparseRows:
-        """The matrix, weights in float64."""
+        """Return the matrix with float64 weights."""
         weights = self.codes * self.scale
         if self.colours is not None:
             weights = weights * colours_of(self.colours)[self.rows].astype(np.float64)
@@ -121,9 +123,9 @@ class Words:
 
 
 def colours_of(bits: Uint32) -> NDArray[np.float32]:
-    """(…,) -> (…, 3): 2^(e − 63) in the channel that the two highest bits name, shares of it in the next two.
+    """Decode colours (…,) -> (…, 3). The two highest bits name the largest channel, whose value is 2^(e − 63).
 
-    e takes the 6 bits below, the shares 12 bits each.
+    The next 6 bits hold e. Two shares of 12 bits each give the next two channels, relative to the largest.
     """
     largest = (bits >> 30).astype(np.int64)
     shares = np.ones((*bits.shape, 3), np.float32)
@@ -134,20 +136,20 @@ def colours_of(bits: Uint32) -> NDArray[np.float32]:
 
 
 def coded(values: NDArray[np.floating]) -> NDArray[np.int32]:
-    """The nearest codes."""
+    """Return the nearest codes."""
     values = np.clip(values, -LARGEST_CODE, LARGEST_CODE)
     unit = np.exp2(_shifts(values))
     return np.asarray(np.rint(values / unit) * unit).astype(np.int32)
 
 
 def _shifts(values: NDArray[np.number]) -> IntArray:
-    """By how much a number of FRACTION_BITS + 1 bits is shifted to be about each value."""
+    """Return the shift that brings a number of FRACTION_BITS + 1 bits to the size of each value."""
     _, bits = np.frexp(values.astype(np.float64))
     return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 
 
 def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:
-    """indptr, indices, codes and trust of every run, as SmallMap has them; the reverse of word_runs.in_words."""
+    """Return indptr, indices, codes and trust of every run, as in SmallMap; the inverse of word_runs.in_words."""
     kinds, step = parsed(made.words)
     entry = np.flatnonzero((kinds != OTHERS) & (kinds != JUMP) & (kinds != TRUST))
     passed = np.concatenate([[0], np.cumsum(step)])
@@ -166,9 +168,9 @@ def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np
 
 
 def parsed(words: Uint32) -> tuple[NDArray[np.int8], IntArray]:
-    """Of each word its kind, OTHERS of one that holds a THREE's green and blue, and by how many pixels it goes on.
+    """Return each word's kind and step in pixels. The second word of a THREE has the kind OTHERS.
 
-    What follows a THREE may look like one: of words in a row that do, every other one is.
+    A word after a THREE may itself look like a THREE. In a row of such words, every second one is a THREE.
     """
     kinds = (words & 7).astype(np.int8)
     at = np.arange(words.size)
@@ -182,7 +184,7 @@ def parsed(words: Uint32) -> tuple[NDArray[np.int8], IntArray]:
 
 
 def _number(bits: IntArray) -> IntArray:
-    """Codes of their 16 bits."""
+    """Decode codes from their 16 bits."""
     exponent, fraction = bits >> FRACTION_BITS & 7, bits & (1 << FRACTION_BITS) - 1
     size = np.where(exponent == 0, fraction, (fraction | 1 << FRACTION_BITS) << np.maximum(exponent - 1, 0))
     return np.asarray(np.where(bits >> 15 & 1, -size, size))

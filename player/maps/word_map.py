@@ -1,8 +1,10 @@
-"""A map in words of 4 bytes as two textures, beside the one of 16-byte entries that it may stand for (small_map.py).
+"""A map in words of 4 bytes as two textures, which may replace the map of 16-byte entries (small_map.py).
 
-rows : a row's first word and, if it has one, its colour; a line more than the output, to end the last row.
-words : the rows' runs one after the other, line by line.
-Written and read here; shaders/small_map.frag applies it as it is, sliced_words.py arranges it for small_map.comp.
+rows : a row's first word and, if the map has colours, its colour; one line more than the output, to end the last row.
+words : the rows' runs in sequence, line by line.
+
+This module writes and reads the format; shaders/small_map.frag applies it directly, and sliced_words.py rearranges it
+for small_map.comp.
 """
 
 from collections.abc import Mapping
@@ -33,12 +35,17 @@ from counterlight.maps.small_map import (
 )
 
 ROWS, WORDS = "rows.exr", "words.exr"
-MOST_WORDS = 1 << 27  # 512 MiB, as a texture of entries
+MOST_WORDS = 1 << 27  # 512 MiB, the same as a texture of entries
 
 
 @dataclass(frozen=True)
 class WordMap:
-    """rows : (output height + 1, output width, 1 or 2).  words : (lines, across).  scale : of the codes."""
+    """A map in words.
+
+    rows : (output height + 1, output width, 1 or 2).
+    words : (lines, across).
+    scale : scale of the codes.
+    """
 
     rows: Uint32
     words: Uint32
@@ -47,7 +54,7 @@ class WordMap:
 
     @classmethod
     def of(cls, small: SmallMap) -> "WordMap":
-        from counterlight.maps.word_runs import in_words  # Numba takes half a second: not before it is used
+        from counterlight.maps.word_runs import in_words  # importing Numba takes half a second, so only when needed
 
         made, (height, width) = in_words(small), small.output_shape
         rows = np.full((height + 1, width, 1 if small.colours is None else 2), made.starts[-1], np.uint32)
@@ -76,7 +83,7 @@ class WordMap:
 
     @property
     def nbytes(self) -> int:
-        """What a product reads."""
+        """Bytes that a product reads."""
         return WORD_BYTES * int(self.runs.words.size) + self.rows[:-1].nbytes
 
     def unpacked(self) -> SmallMap:
@@ -97,9 +104,9 @@ def write(made: WordMap, folder: Path) -> dict[str, Any]:
 
 
 def read(folder: Path, sizes: Table, shapes: tuple[tuple[int, int], tuple[int, int]], opened: OpenFile) -> WordMap:
-    """Read what `write` wrote; InputError for words that would let a shader read a wrong or missing texel.
+    """Read what `write` wrote; raises InputError for words that would let a shader read a wrong or missing texel.
 
-    shapes : (height, width) of the output and of the source of the map that it stands for.
+    shapes : (height, width) of the output and of the source of the map that it replaces.
     """
     (height, width), source = shapes
     texture = sizes.size("texture", MOST_TEXELS)
@@ -125,7 +132,7 @@ def _channels(coloured: bool) -> tuple[str, ...]:
 
 
 def _sound(made: Words, pixels: int) -> bool:
-    """Whether every row ends in a whole entry within the source's pixels; some rows at a time."""
+    """Whether every row ends in a whole entry within the source's pixels; checked in bands."""
     starts = made.starts
     for first, last in bands(starts):
         own: IntArray = starts[first : last + 1] - starts[first]
@@ -141,9 +148,9 @@ def _sound(made: Words, pixels: int) -> bool:
 
 @dataclass(frozen=True)
 class RoomWords:
-    """The maps of T and Tᵀ in words, by the names of those that they stand for (RoomMaps.named).
+    """The maps of T and Tᵀ in words, by the name of the row map that each replaces (RoomMaps.named).
 
-    used : how much of the change that is allowed they make at most, when the room is played at the maps' own white.
+    used : largest used share of the allowed change, if the room is played at the maps' own white.
     """
 
     maps: Mapping[str, WordMap]

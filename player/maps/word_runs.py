@@ -1,4 +1,4 @@
-"""Runs of words of a matrix's codes (small_map.py has the format), compiled."""
+"""Compiled conversion of a matrix's codes to runs of words; small_map.py describes the format."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from counterlight.maps.small_map import (
 
 
 def in_words(small: SmallMap) -> Words:
-    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
+    """Return each row as a run of words, starting from source pixel 0. A trust between 0 and 1 comes first."""
     trust = np.zeros(small.indptr.size - 1, np.int16) if small.trust is None else small.trust
     said = (trust > 0) & (trust < FULL_TRUST)
     starts = np.concatenate([[0], np.cumsum(_run_lengths(small.indptr, small.indices, small.codes, said))])
@@ -39,7 +39,7 @@ def _kind(code: NDArray[np.int32]) -> int:
 
 @kept()
 def _bits(code: int) -> int:
-    """The 16 bits of a code."""
+    """Return the 16 bits of a code."""
     size, shift = abs(code), 0
     while size >> shift >= 2 << FRACTION_BITS and shift < MOST_SHIFT:
         shift += 1
@@ -52,7 +52,7 @@ def _bits(code: int) -> int:
 def _run_lengths(
     indptr: IntArray, indices: NDArray[np.int32], codes: NDArray[np.int32], said: NDArray[np.bool_]
 ) -> IntArray:
-    """Words of each row, (rows,).  said : (rows,), whether its trust takes one."""
+    """Return the words of each row, (rows,). said : (rows,), whether the row has a word for its trust."""
     lengths = said.astype(np.int64)
     for row in range(lengths.size):
         before = 0
@@ -72,7 +72,7 @@ def _write_runs(
     starts: IntArray,
     words: NDArray[np.uint32],
 ) -> None:
-    """Fills words, row r's from starts[r] on.  trust : (rows,), read where it is `said`."""
+    """Fill `words`, row r from starts[r] on. trust : (rows,), read where `said`."""
     for row in range(said.size):
         at, before = starts[row], np.int64(0)
         if said[row]:

@@ -1,4 +1,4 @@
-"""Media as they come in: names and how far they reach, frames, the reader and the sound; decoding/ runs as processes.
+"""Media: names and access rights, frames, the reader and the sound. The processes of decoding/ decode them.
 
 May import errors, files/, writing/ and response. Read next: medium.py, video.py, decoding/.
 """

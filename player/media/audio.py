@@ -1,7 +1,7 @@
-"""Sound in step with the picture: samples from a child process, an output, and the clock that is heard.
+"""Sound in step with the picture: samples from a child process, an output, and the clock of the audible samples.
 
-Once samples are heard, their clock leads and pictures follow it; before that, and wherever there is no sound, samples
-would have to follow the picture's clock, and do: late ones are left out, early ones wait.
+While samples are audible, their clock determines media time and the pictures follow. Before that, the samples follow
+the picture's clock: late samples are dropped, and early samples wait.
 """
 
 import json
@@ -20,21 +20,21 @@ from counterlight.media.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND
 from counterlight.media.decoding.child import Letters, bury, start_child
 from counterlight.media.medium import Medium
 
-AHEAD = RATE  # samples that are kept ready: a second
+AHEAD = RATE  # samples that are kept ready: one second
 MISSING = "no sound: the package sounddevice is missing; install it with: pip install sounddevice"
 
 Pull = Callable[[int, float], Samples]
 
 
 class Sink(Protocol):
-    """An audio output: asks `pull(count, heard_at_s)` for stereo pairs, which are heard from that clock time on."""
+    """An audio output. It calls `pull(count, heard_at_s)` for stereo pairs that are audible from that clock time on."""
 
     def start(self, pull: Pull) -> None: ...
     def close(self) -> None: ...
 
 
 class AudioOutput:
-    """The player's sound: volume (in percent, cubed as mpv's) and mute, and a track for each medium."""
+    """The player's sound: volume (in percent, cubed as in mpv), mute, and the track that is heard."""
 
     def __init__(self, sink: Sink, clock: Callable[[], float] = time.monotonic) -> None:
         self.volume, self.mute = 100.0, False
@@ -43,11 +43,11 @@ class AudioOutput:
         sink.start(self.pull)
 
     def open(self, medium: Medium | str) -> "Track":
-        """The sound of a file, for `hear`. Raises InputError when the system has no process for it."""
+        """Return the sound of a file, for `hear`. Raises InputError if no process can be started."""
         return Track(Medium.of(medium), self._clock)
 
     def hear(self, track: "Track") -> None:
-        """Let a track be heard in place of the one before."""
+        """Play this track instead of the previous track."""
         self._track = track
 
     def pull(self, count: int, heard_at_s: float) -> Samples:
@@ -63,16 +63,16 @@ class AudioOutput:
 
 
 class Track:
-    """The sound of one medium. Times are the medium's, in seconds; clock times those of `clock`."""
+    """The sound of one medium. Times are in seconds of the medium; clock times are times of `clock`."""
 
     def __init__(self, medium: Medium, clock: Callable[[], float]) -> None:
         self._clock, self._lock = clock, threading.Condition()
         self._blocks: deque[Samples] = deque()
         self._ready = self._serial = 0
-        self._next_s = 0.0  # time of the first sample that is ready
+        self._next_s = 0.0  # time of the first ready sample
         self._speed = 1.0
-        self._plan: tuple[float, float] | None = None  # (clock, medium): what is to be heard when; None: silence
-        self._heard: tuple[float, float] | None = None  # the same, of samples that really are
+        self._plan: tuple[float, float] | None = None  # (clock time, media time) of the planned sound; None for silence
+        self._heard: tuple[float, float] | None = None  # (clock time, media time) of audible samples
         self._heard_until_s = 0.0
         self._child = start_child("counterlight.media.decoding.audio_decoder", subprocess.DEVNULL)
         self._letters = Letters(self._child)
@@ -84,15 +84,15 @@ class Track:
 
     @property
     def ready(self) -> int:
-        """Samples that wait to be heard."""
+        """Number of samples that are ready to play."""
         return self._ready
 
     def kill(self) -> None:
-        """End the decoder; what is ready is still heard."""
+        """End the decoder. Ready samples are still played."""
         self._child.kill()
 
     def seek(self, time_s: float, speed: float) -> None:
-        """Be silent, and get what follows `time_s` ready."""
+        """Stop the sound, and prepare the samples from `time_s` on."""
         with self._lock:
             self._serial += 1
             self._blocks.clear()
@@ -103,7 +103,7 @@ class Track:
         self._letters.send(json.dumps(order).encode())
 
     def play(self, time_s: float, at_s: float) -> None:
-        """Let `time_s` be heard at clock time `at_s`, and what follows after it."""
+        """Play `time_s` at clock time `at_s`, and continue from there."""
         with self._lock:
             self._plan, self._heard = (at_s, time_s), None
 
@@ -112,7 +112,7 @@ class Track:
             self._plan = self._heard = None
 
     def time_s(self) -> float | None:
-        """The time of the medium that is heard now; None while nothing is."""
+        """Return the media time that is audible now, None during silence."""
         self._letters.flush()
         with self._lock:
             now_s = self._clock()
@@ -122,7 +122,7 @@ class Track:
             return time_s + (now_s - at_s) * self._speed
 
     def pull(self, count: int, heard_at_s: float) -> Samples:
-        """The next stereo pairs (count, 2) for the output, silent where there are none."""
+        """Return the next stereo pairs for the output, (count, 2) float32. Zero where no samples are ready."""
         out = np.zeros((count, CHANNELS), np.float32)
         with self._lock:
             if self._plan is None:
@@ -139,9 +139,7 @@ class Track:
             self._lock.notify()
             if len(pairs):
                 self._plan = self._heard = heard_at_s + ahead / RATE, begin_s
-                self._heard_until_s = (
-                    heard_at_s + 2 * count / RATE
-                )  # when the next ones should long have been asked for
+                self._heard_until_s = heard_at_s + 2 * count / RATE  # by then the output must have asked for more
             else:
                 self._heard = None
         return out
@@ -154,7 +152,7 @@ class Track:
         bury(self._child, self._listener.join)
 
     def _take(self, count: int) -> Samples:
-        """Up to `count` of the samples that are ready."""
+        """Remove and return up to `count` ready samples."""
         taken: list[Samples] = []
         while count and self._blocks:
             block = self._blocks.popleft()
@@ -178,7 +176,7 @@ class Track:
                     continue
                 self._put(serial, np.frombuffer(data, "<f4").reshape(-1, CHANNELS))
         except (OSError, ValueError):
-            pass  # closed
+            pass  # the stream was closed
 
     def _put(self, serial: int, block: NDArray[np.float32]) -> None:
         with self._lock:
@@ -212,12 +210,12 @@ class DeviceSink:
 
 
 def open_audio(volume: float, *, mute: bool) -> tuple[AudioOutput | None, str | None]:
-    """The default device, or None and a line that says why there is no sound."""
+    """Open the default device. Without a device, returns None and a line that says why."""
     try:
         output = AudioOutput(DeviceSink())
         output.volume, output.mute = volume, mute
         return output, None
     except ImportError:
         return None, MISSING
-    except Exception as error:  # PortAudio's; also OSError where its library is missing
+    except Exception as error:  # PortAudio's errors; also OSError if its library is missing
         return None, f"no sound: {' '.join(str(error).split())}; pictures follow the system clock"

@@ -1,6 +1,6 @@
-"""What a decoded frame is: its planes, what they mean, when it is due, and how it lies in the ring.
+"""Decoded frames: their planes, pixel format and times, and their layout in the ring.
 
-Both sides of the decoder's pipe import this; it imports numpy only.
+Both sides of the decoder's pipe import this module. It imports only numpy.
 """
 
 import mmap
@@ -16,7 +16,10 @@ _ALIGNMENT = 64
 
 @dataclass(frozen=True)
 class PlaneShape:
-    """Size of a plane, and samples from one row to the next."""
+    """Size of a plane in samples.
+
+    stride_samples : samples from one row to the next.
+    """
 
     width: int
     height: int
@@ -25,19 +28,20 @@ class PlaneShape:
 
 @dataclass(frozen=True)
 class PixelFormat:
-    """Everything a shader needs to turn three planes into linear RGB.
+    """Everything that a shader needs to convert three planes into linear RGB.
 
-    width, height : the stored picture, before `rotation`.
+    width : width of the stored picture, before `rotation`.
+    height : height of the stored picture, before `rotation`.
     layout : "yuv" (Y, Cb, Cr), "rgb" (R, G, B), "radiance" (R, G, B, linear).
-    depth : bits a sample; 8 is uint8, 9 to 16 uint16 in the low bits, 32 (radiance) float32.
+    depth : bits per sample; 8 is uint8, 9 to 16 uint16 in the low bits, 32 (radiance) float32.
     matrix : "bt601", "bt709", "bt2020"; "identity" unless yuv.
     transfer : "bt1886", "srgb", "linear", "gamma22", "gamma28", "pq", "hlg".
     chroma_siting : "left", "center", "topleft".
     rotation : 0, 90, 180 or 270 degrees counter-clockwise that bring the stored picture upright. At 90, the stored
         right column becomes the top row: displayed[y, x] = stored[x, width − 1 − y], that is numpy.rot90(stored).
-    pixel_aspect : width / height of a stored sample; 1 when unknown.
+    pixel_aspect : width / height of a stored sample; 1 if unknown.
     primaries : "bt709", "bt2020", "p3".
-    peak_nits : cd/m² of the brightest light of PQ; 0 when it does not say.
+    peak_nits : cd/m² of the brightest PQ light; 0 if the medium does not say.
     """
 
     width: int
@@ -61,9 +65,11 @@ class PixelFormat:
 
 @dataclass(frozen=True)
 class MediaInfo:
-    """What a medium is. `duration_s` and `frames` are what it declares: None when it does not, or a still.
+    """Properties of a medium.
 
-    live : a camera or a stream; it has no end, cannot seek, and its newest frame is the one that counts.
+    duration_s : declared duration; None if the medium declares none, and for a still.
+    frames : declared number of frames; None if the medium declares none.
+    live : a camera or stream, which has no end and cannot seek. Only its newest frame matters.
     """
 
     path: Path | str
@@ -79,13 +85,13 @@ class MediaInfo:
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture and when it is due.
+    """A picture and its time.
 
-    time_s : presentation time; the first frame of the medium is at 0; grows across loops.
-    decode_s : how long the decoder took for it.
+    time_s : presentation time; the first frame of the medium is at 0. It grows across loops.
+    decode_s : seconds that decoding took.
     planes : three arrays (rows, stride), views into the ring, valid until MediaReader.release.
-    slot : where it lies: (decoder's number, slot), for release.
-    skipped : pictures before it that were decoded and left out, as MediaReader.skip allowed.
+    slot : (decoder's number, slot) in the ring, for release.
+    skipped : decoded pictures that were dropped before this frame, as MediaReader.skip allows.
     """
 
     index: int
@@ -99,7 +105,7 @@ class Frame:
 
 
 def radiance_frame(radiance: NDArray[np.floating]) -> Frame:
-    """(rows, columns, 3) linear radiance as a frame of a medium."""
+    """Convert linear radiance, (rows, columns, 3), into a frame."""
     height, width = radiance.shape[:2]
     plane = PlaneShape(width, height, width)
     pixels = PixelFormat(width, height, "radiance", 32, (plane,) * 3, "identity", True, "linear", "center", 0, 1.0)
@@ -108,12 +114,12 @@ def radiance_frame(radiance: NDArray[np.floating]) -> Frame:
 
 
 def slot_bytes(pixels: PixelFormat) -> int:
-    """Size of one ring slot, planes aligned to 64 bytes."""
+    """Return the bytes of one ring slot. Its planes are aligned to 64 bytes."""
     return sum(_plane_bytes(pixels, plane) for plane in pixels.planes)
 
 
 def slot_planes(ring: mmap.mmap, pixels: PixelFormat, slot: int) -> tuple[NDArray[Any], ...]:
-    """The planes of a slot, (rows, stride) each, as views into the ring."""
+    """Return the planes of a slot as views into the ring, (rows, stride) each."""
     offset, planes = slot * slot_bytes(pixels), []
     for shape in pixels.planes:
         count = shape.height * shape.stride_samples
@@ -124,12 +130,12 @@ def slot_planes(ring: mmap.mmap, pixels: PixelFormat, slot: int) -> tuple[NDArra
 
 
 def format_from_json(fields: dict[str, Any]) -> PixelFormat:
-    """The inverse of dataclasses.asdict."""
+    """Invert dataclasses.asdict."""
     return PixelFormat(**fields | {"planes": tuple(PlaneShape(**plane) for plane in fields["planes"])})
 
 
 def describe_info(info: MediaInfo) -> dict[str, Any]:
-    """MediaInfo as JSON fields, without its path."""
+    """Return a MediaInfo's fields for JSON, without its path."""
     return {name: value for name, value in asdict(info).items() if name != "path"}
 
 

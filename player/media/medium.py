@@ -1,7 +1,7 @@
-"""Media by name, and how far a name reaches: the command line's anywhere, that of a list or of a remote up to a border.
+"""Names of media and access rights. The command line may name any medium, lists and remotes only media within a border.
 
-`Border` decides, once, when a name comes in; the decoder's process holds the medium to it whenever it opens something.
-docs/security.md says who is trusted with what.
+`Border` decides once, when a name is read. The decoder process checks the medium again whenever it opens a file.
+docs/security.md describes who is trusted with what.
 """
 
 import os
@@ -24,8 +24,7 @@ INSIDE = "a list or a remote may name files below its folder or a --media-root o
 class Medium:
     """A file, a numbered sequence or a live source.
 
-    roots : folders below which its files must be, links followed, and then it is nothing but files; None for a name
-        that may be anything.
+    roots : folders that must contain its files, with links resolved; it may then not be live. None allows any name.
     """
 
     name: str
@@ -36,15 +35,15 @@ class Medium:
 
     @classmethod
     def of(cls, name: "Medium | Path | str") -> "Medium":
-        """The medium of a name that the caller vouches for."""
+        """Return the medium of a name that the caller trusts."""
         return name if isinstance(name, Medium) else cls(str(name))
 
     def live(self) -> LiveAddress | None:
-        """How to open it if it is live; None for files."""
+        """Return how to open a live source, None for files."""
         return live_address(self.name) if self.roots is None else None
 
     def check(self) -> None:
-        """Raise InputError for a name that may not be said here, or that nothing can have; looks at no file."""
+        """Raise InputError for a forbidden or impossible name. Accesses no file."""
         try:
             size = len(os.fsencode(self.name))
         except UnicodeEncodeError:
@@ -59,12 +58,12 @@ class Medium:
 
     @property
     def is_sequence(self) -> bool:
-        """Whether it is numbered pictures: a pattern of their names, and no file of that very name."""
+        """Whether the name is a pattern for numbered pictures, and no file has exactly this name."""
         path = Path(self.name)
         return self.live() is None and is_numbered(path) and not os.path.lexists(path)
 
     def look(self) -> None:
-        """Raise InputError if it is plain that it cannot be opened: not allowed, not there, no file. May take long."""
+        """Raise InputError for an obvious obstacle: forbidden, missing, or no file. May take long."""
         self.check()
         if self.is_sequence:
             self.inside(Path(self.name).parent)
@@ -72,7 +71,7 @@ class Medium:
             self.file(Path(self.name))
 
     def file(self, path: Path, *, may_be_empty: bool = False) -> Path:
-        """A file of this medium without links; InputError if it is none, or not one that the medium may reach."""
+        """Return a file with links resolved. Raises InputError if it is no readable file within `roots`."""
         try:
             real = self.inside(path)
             status = real.stat()
@@ -91,7 +90,7 @@ class Medium:
         return real
 
     def inside(self, path: Path) -> Path:
-        """A path without links, which is where it has to be; InputError if it is not."""
+        """Return a path with links resolved. Raises InputError if it is not within `roots`."""
         real = os.path.realpath(path)
         if self.roots is not None and not any(_is_below(real, root) for root in self.roots):
             raise InputError(f"{path}: {INSIDE}")
@@ -100,7 +99,12 @@ class Medium:
 
 @dataclass(frozen=True)
 class Border:
-    """What lists and remotes may name: files below `roots`; streams that the command line `named`, or all if `live`."""
+    """The limits of the names that lists and remotes may give.
+
+    roots : folders whose files may be named.
+    live : whether all streams may be named.
+    named : streams that the command line names.
+    """
 
     roots: tuple[str, ...] = ()
     live: bool = False
@@ -108,17 +112,17 @@ class Border:
 
     @classmethod
     def around(cls, media: Iterable[Medium], roots: Iterable[Path], *, live: bool) -> Self:
-        """The border that a command line draws: given roots, and the folders of the files that it names."""
+        """Return the border for a command line: the given roots, and the folders of the files that it names."""
         files = [Path(medium.name) for medium in media if medium.live() is None]
         folders = dict.fromkeys(os.path.abspath(folder) for folder in [*roots, *(file.parent for file in files)])
         return cls(tuple(folders), live, frozenset(medium.name for medium in media if medium.live()))
 
     def within(self, folder: Path) -> "Border":
-        """The same, and what is below another folder."""
+        """Return this border, extended by another folder."""
         return replace(self, roots=(*self.roots, os.path.abspath(folder)))
 
     def medium(self, name: str) -> Medium:
-        """The medium that somebody beyond the border names; Medium.check says whether he may."""
+        """Return the medium that a list or a remote names. Medium.check decides whether the name is allowed."""
         stream = live_address(name) is not None and not is_device(name)
         return Medium(name) if stream and (self.live or name in self.named) else Medium(name, self.roots)
 

@@ -1,4 +1,4 @@
-"""The sound of a medium as it is, for a film that is written: its packets, copied by a process of their own."""
+"""Copies the sound of a medium unchanged into a written film. A separate process reads the packets."""
 
 import json
 import select
@@ -20,14 +20,14 @@ from counterlight.media.decoding.child import start_child
 from counterlight.media.decoding.opening import open_file
 from counterlight.media.medium import Medium
 
-PATIENCE_S = 30.0  # with a copier that shows no sign of life
+PATIENCE_S = 30.0  # longest silence of a copier
 
 
 @contextmanager
 def copied_sound(medium: Medium, start_s: float, tell: Callable[[str], None]) -> Iterator[Path | None]:
-    """A file that holds a medium's sound from `start_s` on, as long as the block runs; None without.
+    """Yield a temporary file with a medium's sound from `start_s` on, or None if there is no sound.
 
-    tell : takes a line that says why there is none of a medium that has sound.
+    tell : takes a line that says why existing sound cannot be copied.
     """
     with tempfile.TemporaryDirectory(prefix="counterlight-") as folder:
         path = Path(folder) / "sound.nut"
@@ -59,10 +59,12 @@ def _copied(order: dict[str, Any]) -> dict[str, Any]:
 
 
 class SoundTrack:
-    """Sound on its way into a film, beside its pictures.
+    """Writes sound into a film alongside its pictures.
 
-    path : of copied_sound.  film : the container; its pictures' times count from the first one that is written.
-    Raises InputError if that kind of container does not hold such sound.
+    Raises InputError if the container cannot hold this kind of sound.
+
+    path : file from copied_sound.
+    film : the container. Its pictures' times count from the first picture that is written.
     """
 
     def __init__(self, path: Path, film: OutputContainer) -> None:
@@ -79,7 +81,7 @@ class SoundTrack:
         self._waiting = next(self._packets, None)
 
     def follow(self, first_s: float, until_s: float) -> None:
-        """Write what begins from `first_s`, the first picture's time, on and before `until_s`; call it in order."""
+        """Write the packets from `first_s`, the first picture's time, to before `until_s`. Times must grow."""
         while self._waiting is not None and self._time(self._waiting) < until_s:
             packet, self._waiting = self._waiting, next(self._packets, None)
             assert packet.pts is not None

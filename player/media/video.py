@@ -1,7 +1,7 @@
-"""Media -> decoded frames with their time in seconds, decoded by a child process.
+"""Reads media as decoded frames with their times in seconds. A child process decodes them.
 
-A damaged stream can crash or hang a decoder, and a medium may never open, so all of it happens in
-`counterlight.media.decoding.decoder`: a crash costs a notice and a restart, never the show.
+A damaged stream can crash or hang a decoder, and a medium may never open. Therefore all decoding happens in
+`counterlight.media.decoding.decoder`. A crash causes a notice and a restart, and never ends the show.
 """
 
 import time
@@ -20,25 +20,25 @@ from counterlight.media.medium import Medium
 
 __all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
 
-OPENING_S = 10.0  # for a show, which goes on meanwhile
-LIVE_OPENING_S = 20.0  # FFmpeg waits 10 s for an answer; then a key frame has to come
-PATIENT_OPENING_S = 60.0  # for whoever has nothing else to do
+OPENING_S = 10.0  # time limit for a show, which continues meanwhile
+LIVE_OPENING_S = 20.0  # FFmpeg waits 10 s for an answer; then a key frame must arrive
+PATIENT_OPENING_S = 60.0  # time limit for callers that only wait
 MAX_DEATHS = 5
 SKIP_S = 1.0
-LIVE_RETRY_S = (0.0, 1.0, 2.0, 5.0)  # from a live source's decoder to the next; the last one for ever
+LIVE_RETRY_S = (0.0, 1.0, 2.0, 5.0)  # pauses between a live source's decoders; the last value repeats
 HUNG = "decoder hung"
 _POLL_S = 0.1
 
 
 class MediaReader:
-    """Frames of a medium in the order of presentation, decoded ahead in a child process.
+    """Frames of a medium in presentation order, decoded ahead in a child process.
 
         with MediaReader.open(path, loop=True) as reader:
             frame = reader.next_frame(timeout_s=10)   # or poll(), which never waits
             ...
             reader.release(frame)
 
-    At most RING_SLOTS of decoding/laps.py (two for huge pictures, one for stills) frames can be held: release them.
+    Release frames: the ring has RING_SLOTS slots (decoding/laps.py), two for huge pictures, one for stills.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class MediaReader:
         self.ended = False
         self._began_s = time.monotonic()
         self._restart_at_s: float | None = None
-        self._first: Frame | None = None  # decoded while it was asked whether there is one
+        self._first: Frame | None = None  # frame that `ready` has received in advance
         self._info: MediaInfo | None = None
         self._given_up = False
         self._start_child()
@@ -86,15 +86,15 @@ class MediaReader:
     ) -> Self:
         """Begin to open a file, a sequence (`frames/%05d.png`) or a live source (decoding/live.py), without waiting.
 
-        Until `ready`, nothing else may be asked of the reader but to close it.
+        Until `ready` returns True, only `ready` and `close` may be called.
+        Raises InputError for names that are not allowed, and if no process can be started.
 
-        frames_per_second : of a sequence; 25 when None. Videos keep their own times.
-        tolerant : pictures that cannot be decoded are left out (Frame.skipped, and a notice) instead of an error.
-        hwdec : what decodes films: "no", the processor; "auto"; or a device as FFmpeg names it, such as `cuda` or
-        `vaapi:/dev/dri/renderD128`. Where it does not, the processor does, and a notice says so; also once a decoder
-        has died.
-        opening_s : after which it cannot be opened; None for what suits the medium.
-        Raises InputError for names that are not allowed, and when the system has no process for it.
+        frames_per_second : rate of a sequence; None means 25. Videos keep their own times.
+        tolerant : skip pictures that cannot be decoded (Frame.skipped, and a notice) instead of raising an error.
+        hwdec : device that decodes films: "no" (the processor), "auto", or FFmpeg's name such as `cuda` or
+            `vaapi:/dev/dri/renderD128`. If the device fails or its decoder dies, the processor decodes and a notice
+            says so.
+        opening_s : time limit for opening; None for the medium's usual limit.
         """
         if frames_per_second is not None and not 0 < frames_per_second <= 1000:
             raise InputError(f"{medium}: frame rate {frames_per_second}, expected more than 0 and at most 1000")
@@ -120,9 +120,9 @@ class MediaReader:
         tolerant: bool = False,
         hwdec: str = PROCESSOR,
     ) -> Self:
-        """The same, and wait: its first frame has been decoded when this returns.
+        """Open a medium as `begin` does, and wait until its first frame has been decoded.
 
-        Raises InputError, in one line, when it cannot be read.
+        Raises InputError, in one line, if it cannot be read.
         """
         reader = cls.begin(
             medium,
@@ -141,9 +141,9 @@ class MediaReader:
         return reader
 
     def ready(self, wait_s: float = 0.0) -> bool:
-        """Whether the medium is open and its first frame waits; does not wait itself, unless told to.
+        """Whether the medium is open and its first frame is ready. Waits at most `wait_s`.
 
-        Raises InputError when it cannot be read, or not in its time.
+        Raises InputError if the medium cannot be read or exceeds its time limit.
         """
         if self._first is None and not self.ended:
             self._first = self._take(wait_s)
@@ -157,16 +157,16 @@ class MediaReader:
         all_buried()
 
     def poll(self) -> Frame | None:
-        """The next frame if one is ready, without waiting; None otherwise, and for ever once `ended`.
+        """Return the next frame if it is ready, otherwise None. Never waits. Returns None after the end (`ended`).
 
-        Raises InputError once the frames before the medium's damage have been given.
+        Raises InputError at damage, after all frames before the damage have been returned.
         """
         return self._take(0.0)
 
     def next_frame(self, timeout_s: float) -> Frame | None:
-        """Wait for the next frame; None at the end.
+        """Wait for the next frame, and return it. Returns None at the end.
 
-        Raises InputError when the medium is damaged here, or when `timeout_s` pass without a frame.
+        Raises InputError if the medium is damaged here, or if no frame comes within `timeout_s`.
         """
         deadline = time.monotonic() + timeout_s
         while (frame := self._take(_POLL_S)) is None and not self.ended:
@@ -175,15 +175,15 @@ class MediaReader:
         return frame
 
     def release(self, frame: Frame) -> None:
-        """Give a frame's slot back to the decoder; its planes must not be read any more."""
+        """Return a frame's slot to the decoder. Its planes must not be read afterwards."""
         number, slot = frame.slot
         if number == self._number:
             self._child.send({"free": slot})
 
     def seek(self, time_s: float) -> None:
-        """Continue with the frame that is shown at `time_s`, which counts across loops like Frame.time_s.
+        """Continue with the frame that is shown at `time_s`, which grows across loops like Frame.time_s.
 
-        A live source just goes on.
+        Live sources ignore it.
         """
         if self._live:
             return
@@ -204,11 +204,11 @@ class MediaReader:
             self._child.send({"seek": self._start})
 
     def skip(self, time_s: float) -> None:
-        """Pictures that end before `time_s`, which counts as Frame.time_s, are no longer wanted; a seek forgets it."""
+        """Allow the decoder to drop pictures that end before `time_s` (as Frame.time_s). A seek cancels this."""
         self._child.send({"skip": time_s, "serial": self._serial})
 
     def notices(self) -> list[str]:
-        """What the user should know and has not been told since the last call."""
+        """Return the new notices for the user since the last call."""
         fresh, self._notices = self._notices, []
         return fresh
 
@@ -222,7 +222,7 @@ class MediaReader:
         return self._child.process.pid
 
     def close(self) -> None:
-        """Have the decoder end, without waiting for it; frames still held stay readable."""
+        """Make the decoder end, without waiting for it. Frames that are still held stay readable."""
         self.ended, self._first = True, None
         self._child.close()
 
@@ -232,15 +232,15 @@ class MediaReader:
         return self._info
 
     def _start_child(self, skipped_s: float = 0.0) -> None:
-        """Start a decoder; it opens the medium in its own time."""
+        """Start a decoder, which opens the medium in the background."""
         start = self._start | {"time_s": self._start["time_s"] + skipped_s}
-        if self._live:  # whose times count from the start of its decoder
+        if self._live:  # a live source's times count from the start of its decoder
             start["offset_s"] = time.monotonic() - self._began_s
         self._child = DecoderLink(self._number, self._arguments | {"start": start})
         self._opened, self._child_began_s, self._restart_at_s = False, time.monotonic(), None
 
     def _take(self, wait_s: float) -> Frame | None:
-        """The next frame, after at most `wait_s` without an event."""
+        """Return the next frame. Waits at most `wait_s` for each event."""
         frame, self._first = self._first, None
         while frame is None and not self.ended:
             event = self._child.receive(wait_s)
@@ -251,7 +251,7 @@ class MediaReader:
         return frame
 
     def _handle(self, event: dict[str, Any]) -> Frame | None:
-        """Take one event of the decoder; a frame if it is one that was asked for."""
+        """Handle one event of the decoder. Returns a frame if the event is a wanted frame."""
         if "died" in event:
             self._bury(event["died"])
         elif "opened" in event:
@@ -277,7 +277,7 @@ class MediaReader:
         return None
 
     def _take_opened(self, opened: dict[str, Any], slots: int) -> None:
-        """The medium is open, and frames will come."""
+        """Store the properties of the opened medium, and map the ring."""
         pixels = format_from_json(opened["format"])
         if self._info is None:
             names = "frames_per_second", "duration_s", "still", "codec", "frames", "live", "sound"
@@ -304,7 +304,7 @@ class MediaReader:
             "offset_s": fields["offset_s"],
         }
         self._lap_s = fields["lap_s"] or self._lap_s
-        # Times never step back, not even where a lap is not as long as the container says.
+        # Times never decrease, even if a lap is shorter than the container claims.
         time_s = max(fields["offset_s"] + fields["time_s"], self._last_s)
         self._index, self._last_s = self._index + 1 + fields["skipped"], time_s
         planes = self._child.planes(fields["slot"])
@@ -313,7 +313,7 @@ class MediaReader:
         return Frame(self._index - 1, *times, self.info.format, planes, slot, fields["skipped"])
 
     def _check_alive(self) -> None:
-        """Kill a decoder that is stopped or stuck (its death then arrives as an event); repeat an earlier failure."""
+        """Kill a stopped or stuck decoder; its death then arrives as an event. Raises an earlier failure again."""
         if self._failure is not None:
             raise InputError(self._failure)
         now_s = time.monotonic()
@@ -328,22 +328,22 @@ class MediaReader:
             self._refused(f"{self.medium}: {late}; copy it to a local disk, or convert it")
 
     def _refused(self, reason: str) -> None:
-        """The decoder cannot open the medium: an error at first, later one more reason to try again."""
+        """Handle a medium that cannot be opened: an error at first, later a reason for another attempt."""
         if self._info is None:
             raise InputError(reason)
         self._child.kill(reason)
         self._bury(reason)
 
     def _bury(self, reason: str) -> None:
-        """The decoder is dead: start another just after the last frame; skip ahead when it dies there again.
+        """Replace a dead decoder by one that starts after the last frame. After another death there, skip ahead.
 
-        Does not wait for it: until it has opened the medium there is no frame, and whoever polls holds the last one.
-        A live source is tried for ever.
+        Does not wait for the new decoder. The caller keeps the last frame until a new frame arrives. Attempts for a
+        live source never end.
         """
         if self._info is None and reason != HUNG and self._arguments["hwdec"] == PROCESSOR:
             raise InputError(f"{self.medium}: {reason} while opening it; convert or export it again")
         self._deaths += 1
-        self._arguments["hwdec"] = PROCESSOR  # a driver may be why
+        self._arguments["hwdec"] = PROCESSOR  # a driver may be the cause
         if self._deaths > MAX_DEATHS and not self._live:
             self._child.close()
             self._failure = f"{self.medium}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
@@ -356,7 +356,7 @@ class MediaReader:
         self._replace_child(skipped_s)
 
     def _replace_child(self, skipped_s: float = 0.0) -> None:
-        """Another decoder for the medium; a live source that is always lost gets its next one later and later."""
+        """Start another decoder. For a live source that keeps failing, the pauses grow."""
         self._child.close()
         self._number, self._opened, now_s = self._number + 1, False, time.monotonic()
         if not self._live:

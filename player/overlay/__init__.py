@@ -1,4 +1,4 @@
-"""What is drawn over the picture: letters and pages (osd.py), the outline of one that is being placed (outline.py).
+"""Drawings over the picture: text and pages (osd.py), and the outline of a picture that is being placed (outline.py).
 
 May import maps/ and pipeline/. Read next: osd.py.
 """

@@ -1,4 +1,4 @@
-"""Text in whatever script: in DejaVu Sans, which comes along, and the system's fonts for letters that it lacks."""
+"""Draws text in any script: with the bundled DejaVu Sans, and with system fonts for letters that it lacks."""
 
 import subprocess
 import unicodedata
@@ -10,13 +10,13 @@ from PIL import ImageDraw, ImageFont
 
 TEXT_HEIGHT = 16  # pixels at scale 1
 FONT = str(resources.files("counterlight.overlay.fonts") / "DejaVuSans.ttf")
-UNWRITABLE, MISSING = "?", "\U0010ffff"  # in place of control characters; what no font has
-FOUND_S = 1.0  # how long the system is asked for a font
-BLOCK = 128  # letters that one question answers
+UNWRITABLE, MISSING = "?", "\U0010ffff"  # stands for control characters; a code point in no font
+FOUND_S = 1.0  # time limit for a font query to the system
+BLOCK = 128  # code points per font query
 
 
 def plain(text: str) -> str:
-    """Text without what cannot be written, tabs kept."""
+    """Replace characters that cannot be drawn. Tabs are kept."""
     composed = unicodedata.normalize("NFC", text)
     return "".join(
         letter if letter == "\t" or unicodedata.category(letter)[0] != "C" else UNWRITABLE for letter in composed
@@ -24,14 +24,20 @@ def plain(text: str) -> str:
 
 
 def width(text: str, scale: float) -> float:
-    """Of a text in one line, pixels."""
+    """Return the width of a line of text, in pixels."""
     return sum(font.getlength(run) for font, run in _runs(text, scale))
 
 
 def write(
     brush: ImageDraw.ImageDraw, at: tuple[float, float], text: str, scale: float, fill: int, anchor: str = "ls"
 ) -> None:
-    """Draw a line whose letters share a baseline.  anchor : Pillow's; other than at the left, all in one font."""
+    """Draw a line of text on a common baseline.
+
+    at : (x, y) in pixels.
+    scale : factor of TEXT_HEIGHT.
+    fill : grey value, 0 to 255.
+    anchor : Pillow's; other than left-aligned text uses only one font.
+    """
     left, base = at
     if anchor[0] != "l":
         brush.text(at, text, fill=fill, font=_font(FONT, scale), anchor=anchor)
@@ -42,13 +48,13 @@ def write(
 
 
 def _runs(text: str, scale: float) -> list[tuple[ImageFont.FreeTypeFont, str]]:
-    """The text in pieces of one font each."""
+    """Split the text into pieces that each use one font."""
     return [(_font(path, scale), "".join(run)) for path, run in groupby(text, key=_font_of)]
 
 
 @lru_cache(maxsize=4096)
 def _font_of(letter: str) -> str:
-    """The file of a font that has the letter; ours, which draws a box, if there is none."""
+    """Return the file of a font with this letter. Without one, return the bundled font, which draws a box."""
     if letter.isascii() or _has(FONT, letter):
         return FONT
     other = _system_font(ord(letter) // BLOCK)
@@ -57,7 +63,7 @@ def _font_of(letter: str) -> str:
 
 @lru_cache(maxsize=256)
 def _system_font(block: int) -> str | None:
-    """What fontconfig, where there is one, names for a block of letters."""
+    """Return the font file that fontconfig names for a block of code points, None without fontconfig."""
     question = ("fc-match", "--format=%{file}", f":charset={block * BLOCK + BLOCK // 2:x}")
     try:
         answer = subprocess.run(question, capture_output=True, text=True, timeout=FOUND_S, check=True).stdout
@@ -67,11 +73,11 @@ def _system_font(block: int) -> str | None:
 
 
 def _has(path: str, letter: str) -> bool:
-    """Whether a font draws a letter as anything but what it draws for letters that it lacks."""
+    """Whether a font has a letter, that is, draws it differently from a missing letter."""
     try:
         font = _font(path, 1.0)
         drawn, missing = font.getmask(letter), font.getmask(MISSING)
-    except OSError:  # no font that FreeType reads
+    except OSError:  # FreeType cannot read the font
         return False
     return letter.isspace() or (drawn.size, bytes(drawn)) != (missing.size, bytes(missing))
 

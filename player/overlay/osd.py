@@ -1,6 +1,6 @@
-"""What is written over the picture: a message that fades, the stats page with its histogram, the help pages, legends.
+"""Text over the picture: messages that fade, the statistics page with its histogram, help pages, and legends.
 
-Pages are data; `draw` makes pixels of them, which the window shows at its upper left.
+Pages are data. `draw` turns them into pixels, which the window shows at its upper left.
 """
 
 import textwrap
@@ -16,8 +16,8 @@ from counterlight.overlay.letters import plain, width, write
 from counterlight.overlay.outline import Outline
 
 SHOWN_S, FADING_S = 1.0, 0.3
-MOST_LETTERS = 1000  # of a message: drawing them takes 5 ms
-FEWEST_LETTERS = 12  # of a meaning in a line, however narrow the window
+MOST_LETTERS = 1000  # longest message; drawing it takes 5 ms
+FEWEST_LETTERS = 12  # fewest letters of a meaning per line, in any window
 MESSAGE_SIZE = 1.6
 LINE_HEIGHT, BASELINE, MARGIN, TAB_GAP, SWATCH = 24, 16, 12, 18, 14  # pixels in a window of REFERENCE_HEIGHT
 REFERENCE_HEIGHT, SMALLEST_SCALE, LARGEST_SCALE = 720, 0.6, 4.0
@@ -27,7 +27,7 @@ GROUND_ALPHA = 0.7
 
 @dataclass(frozen=True)
 class Histogram:
-    """Counts of frames, and what each bar is called."""
+    """Counts of frames, and the label of each bar."""
 
     counts: tuple[int, ...]
     labels: tuple[str, ...]
@@ -35,7 +35,10 @@ class Histogram:
 
 @dataclass(frozen=True)
 class Legend:
-    """What a colour of the view stands for.  colour : 8-bit sRGB."""
+    """The meaning of a colour in the view.
+
+    colour : 8-bit sRGB.
+    """
 
     colour: tuple[int, int, int]
     text: str
@@ -43,9 +46,10 @@ class Legend:
 
 @dataclass(frozen=True)
 class Page:
-    """Lines of text, a tab apart in columns, and below them a histogram or a legend.
+    """Lines of text with tab-separated columns, and below them a histogram or legends.
 
-    opacity : 0..1 of all of it.  size : of the letters, 1 for a page that is read, more for a word in passing.
+    opacity : opacity of the whole page, 0..1.
+    size : size of the letters; 1 for pages to read, larger for short messages.
     outline : drawn over the picture, below the text.
     """
 
@@ -58,7 +62,7 @@ class Page:
 
 
 class Message:
-    """One line that stays for a while and fades."""
+    """One line that stays for a while and then fades."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock, self._text, self._until = clock, "", float("-inf")
@@ -72,21 +76,21 @@ class Message:
 
     @property
     def opacity(self) -> float:
-        """1 while it is shown, then down to 0, in steps that a screen's refresh can follow."""
+        """1 while the message is shown, then falling to 0 in steps of 1/16."""
         left = (self._until - self._clock()) / FADING_S + 1
         return round(min(max(left, 0.0), 1.0) * 16) / 16
 
 
 def scale_for(window: tuple[int, int]) -> float:
-    """How large text is in a window (height, width)."""
+    """Return the scale of text in a window of (height, width)."""
     return min(max(window[0] / REFERENCE_HEIGHT, SMALLEST_SCALE), LARGEST_SCALE)
 
 
 def draw(page: Page, window: tuple[int, int]) -> NDArray[np.uint8]:
-    """White text on a dark, half transparent ground: (height, width, RGBA), no larger than the window (height, width).
+    """Draw white text on a dark, half transparent ground: (height, width, RGBA), at most the window's (height, width).
 
-    A page that is too large for the window is drawn smaller, down to SMALLEST_SCALE; lines that are still too wide are
-    broken, and lines that are too many cut off.
+    A page that is too large is drawn smaller, down to SMALLEST_SCALE. Lines that are still too wide are wrapped, and
+    surplus lines are cut off.
     """
     page = replace(page, lines=_fitting(page.lines, window[1]))
     scale = page.size * scale_for(window)
@@ -115,11 +119,11 @@ def draw(page: Page, window: tuple[int, int]) -> NDArray[np.uint8]:
     return pixels
 
 
-@lru_cache(maxsize=4)  # of keys, as long as they are shown
+@lru_cache(maxsize=4)  # caches the help pages while they are shown
 def pages(cells: tuple[str, ...], window: tuple[int, int]) -> tuple[Page, ...]:
-    """Cells, each a name and its meaning a tab apart, on as few pages as hold them in letters that can be read.
+    """Arrange cells, each a name, a tab and a meaning, on as few readable pages as possible.
 
-    Side by side in as many columns as let them fit, up to three; where even one is too wide, meanings are broken.
+    The cells stand in as many columns as fit, up to three. If even one column is too wide, meanings are wrapped.
     """
     extents = {count: _extent(Page(_beside(cells, count)), SMALLEST_SCALE) for count in (1, 2, 3)}
     narrow = [count for count, (_, wide) in extents.items() if wide <= window[1]]
@@ -134,13 +138,13 @@ def pages(cells: tuple[str, ...], window: tuple[int, int]) -> tuple[Page, ...]:
 
 
 def _beside(cells: Sequence[str], columns: int) -> tuple[str, ...]:
-    """Cells in columns, read downwards."""
+    """Arrange cells in columns, read downwards."""
     rows = max(-(-len(cells) // columns), 1)
     return tuple("\t".join(cells[row::rows]) for row in range(rows))
 
 
 def _broken(cells: Sequence[str], most: int) -> tuple[str, ...]:
-    """Cells whose meanings go on below where they are wider than `most` pixels leave."""
+    """Wrap the meanings of cells, so that each line is at most `most` pixels wide."""
     names = max(width(cell.partition("\t")[0], SMALLEST_SCALE) for cell in cells)
     room = most - names - SMALLEST_SCALE * (2 * MARGIN + TAB_GAP)
     letters = max(int(room / width("n", SMALLEST_SCALE)), FEWEST_LETTERS)
@@ -153,7 +157,7 @@ def _broken(cells: Sequence[str], most: int) -> tuple[str, ...]:
 
 
 def _fitting(lines: tuple[str, ...], most: int) -> tuple[str, ...]:
-    """Lines whose last cells go on below where they are wider than `most` pixels leave."""
+    """Wrap the last cells of lines that are wider than `most` pixels."""
     columns, fitting = _columns(lines, SMALLEST_SCALE), []
     for line in lines:
         *before, last = plain(line).split("\t")
@@ -173,7 +177,7 @@ def _baseline(row: int) -> int:
 
 
 def _extent(page: Page, scale: float) -> tuple[int, int]:
-    """(height, width) of a page."""
+    """Return the (height, width) of a page."""
     columns = _columns(page.lines, scale)
     right = max((_right(line, columns, scale) for line in page.lines), default=0.0)
     high = LINE_HEIGHT * (len(page.lines) + len(page.legends)) + 2 * MARGIN
@@ -186,7 +190,7 @@ def _extent(page: Page, scale: float) -> tuple[int, int]:
 
 
 def _columns(lines: tuple[str, ...], scale: float) -> list[float]:
-    """Where each column begins: after the widest cell of the one before, in the lines that have more than one."""
+    """Return the left edge of each column, after the widest cell before it. Lines without tabs do not count."""
     rows = [cells for line in lines if len(cells := plain(line).split("\t")) > 1]
     columns = [MARGIN * scale]
     for index in range(max(map(len, rows), default=1) - 1):
@@ -201,7 +205,7 @@ def _right(line: str, columns: list[float], scale: float) -> float:
 
 
 def _draw_bars(brush: ImageDraw.ImageDraw, histogram: Histogram, scale: float, top: float) -> None:
-    """Bars from a common ground, the count above and the label below each."""
+    """Draw bars on a common ground line, with the count above and the label below each bar."""
     most = max(*histogram.counts, 1)
     ground = top + scale * (LINE_HEIGHT + BARS_HEIGHT)
     for index, (count, label) in enumerate(zip(histogram.counts, histogram.labels, strict=True)):

@@ -1,7 +1,8 @@
-"""The outline of a picture that is being placed: which points of the shown picture it runs through, and its dots.
+"""The outline of a picture that is being placed: points of the shown picture along the outline, and its handles.
 
-In the camera's views it is the quadrilateral of the corners. In the projector's picture each of its points stands at
-the pixel that lights it most, so that it runs there on the scene, too; it has gaps where the projector does not reach.
+In the camera's views, the outline is the quadrilateral of the corners. In the projector's picture, each point is drawn
+at the pixel that lights it most, so that the outline appears at the same place in the scene. It has gaps where the
+projector does not reach.
 """
 
 from collections.abc import Callable
@@ -15,23 +16,33 @@ from counterlight.maps.row_map import RowMap
 from counterlight.pipeline.placement import Corners
 from counterlight.screen import Screen
 
-Points: TypeAlias = NDArray[np.float64]  # (n, 2), x and y in shares of a picture from its upper left
-LINE, HANDLE, EDGE = 1, 6, 2  # half widths and what is added around them, in pixels of a window of REFERENCE_HEIGHT
+Points: TypeAlias = NDArray[np.float64]  # (n, 2), x and y in shares of a picture, from its upper left
+# half widths, and the width of the edge around them, in pixels of a window of REFERENCE_HEIGHT
+LINE, HANDLE, EDGE = 1, 6, 2
 INK, GROUND, SELECTED = (255, 255, 255, 255), (0, 0, 0, 255), (255, 200, 0, 255)
-MOST_POINTS = 1000  # a side
-NEARBY = 2  # pixels of the screen: a camera pixel that looks at a corner
+MOST_POINTS = 1000  # per side
+NEARBY = 2  # largest distance, in pixels of the screen, at which a camera pixel sees a corner
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """points : of the sides.  handles : of the selected corner, or of all four."""
+    """The points of an outline.
+
+    points : points along the sides.
+    handles : the selected corner, or all four corners.
+    """
 
     points: Points
     handles: Points
 
 
 def outline_of(corners: Corners, corner: int | None, camera: tuple[int, int]) -> Outline:
-    """In shares of the camera's view, a point every pixel or so.  camera : (height, width).  corner : None for all."""
+    """Return an outline in shares of the camera's view, with about one point per pixel.
+
+    corners : corners of the picture.
+    corner : the selected corner; None for all.
+    camera : (height, width).
+    """
     ends = np.asarray(corners, np.float64)
     sides = []
     for start, end in zip(ends, np.roll(ends, -1, axis=0), strict=True):
@@ -41,7 +52,7 @@ def outline_of(corners: Corners, corner: int | None, camera: tuple[int, int]) ->
 
 
 def outline_on(screen: Screen, corners: Corners, corner: int | None) -> Outline:
-    """In shares of the raster of several cameras: pixels that look at the picture's edge, and handles in each view."""
+    """Return an outline in shares of several cameras' raster: the pixels that see the edge, and handles per view."""
     at = screen.positions / np.array(screen.shape[::-1], np.float64)
     inside = _inside(corners, at)
     points, handles = [], []
@@ -59,7 +70,7 @@ def outline_on(screen: Screen, corners: Corners, corner: int | None) -> Outline:
 
 
 def _inside(corners: Corners, at: Points) -> NDArray[np.bool_]:
-    """Which of some points, (…, 2), a convex quadrilateral holds."""
+    """Return which of the points, (…, 2), are inside a convex quadrilateral."""
     ends = np.asarray(corners, np.float64)
     sides = np.roll(ends, -1, axis=0) - ends
     away = at[..., None, :] - ends
@@ -72,9 +83,10 @@ def moved(outline: Outline, where: Callable[[Points], Points]) -> Outline:
 
 
 def lit_by(transport: RowMap, points: Points) -> Points:
-    """The middles of the projector pixels that light points of the camera's view most; NaN where none does.
+    """Return the centre of the projector pixel that lights each point of the camera's view most; NaN if there is none.
 
-    transport : T, camera pixels from the projector's.
+    transport : T, from projector pixels to camera pixels.
+    points : (n, 2), in shares of the camera's view.
     """
     height, width = transport.output_shape
     source_width = transport.source_shape[1]
@@ -90,9 +102,11 @@ def lit_by(transport: RowMap, points: Points) -> Points:
 
 
 def draw_outline(canvas: NDArray[np.uint8], outline: Outline, place: Callable[[Points], Points], scale: float) -> None:
-    """Draw on a window's overlay (height, width, RGBA): dark edges, a white line, handles of their own colour.
+    """Draw on a window's overlay, (height, width, RGBA): a white line with dark edges, and handles in another colour.
 
-    place : shares of the shown picture -> pixels of the window.  scale : of the line's width.
+    outline : in shares of the shown picture.
+    place : converts shares of the shown picture to pixels of the window.
+    scale : factor of the line's width.
     """
     line, handles = (place(points[np.isfinite(points).all(axis=1)]) for points in (outline.points, outline.handles))
     for points, half, colour in (
@@ -105,7 +119,7 @@ def draw_outline(canvas: NDArray[np.uint8], outline: Outline, place: Callable[[P
 
 
 def _stamp(canvas: NDArray[np.uint8], points: Points, half: int, colour: tuple[int, ...]) -> None:
-    """Squares of 2 half + 1 pixels around points; what lies outside is left out."""
+    """Draw squares of 2 half + 1 pixels around points, clipped to the canvas."""
     middles = np.floor(points).astype(np.int64)
     offsets = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)[::-1].T
     x, y = (middles[:, None] + offsets).reshape(-1, 2).T

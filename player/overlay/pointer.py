@@ -1,4 +1,4 @@
-"""What a mouse does over the picture."""
+"""Mouse events over the picture."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Pointer:
-    """x, y : in shares of the shown picture from its upper left, or beside it."""
+    """A mouse event at (x, y), in shares of the shown picture from its upper left. It may lie outside the picture."""
 
     action: Literal["press", "move", "release"]
     x: float

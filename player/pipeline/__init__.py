@@ -1,8 +1,8 @@
-"""What a frame goes through, said once for every device: decode to linear light, place, adapt, correct, refine, encode.
+"""The steps of a frame, written once for every device: decode to linear light, place, adapt, correct, refine, encode.
 
-device.py is what a backend offers, reference.py holds the shaders' twins (adaptation.py those of what adapts a picture,
-drift.py that of a moved one), reference_renderer.py runs them, and both backends are held to it: gl/, and
-cpu_renderer.py over compiled.py, which alone imports Numba. eye.py is what belongs to one camera's room, company.py
-makes drives for one eye or for several, which viewers between views have. May import calibration, errors, response,
-viewpoints, files/, maps/ and media/. Read next: renderer.py, reference.py.
+device.py is the interface of a backend. reference.py holds the CPU function of every shader; adaptation.py and drift.py
+hold those for adaptation and drift. reference_renderer.py runs these functions, and tests compare both backends with
+it: gl/, and cpu_renderer.py over compiled.py. Only compiled.py imports Numba. eye.py holds what belongs to one view of
+the room. company.py makes drives for one view or several. May import calibration, errors, response, viewpoints, files/,
+maps/ and media/. Read next: renderer.py, reference.py.
 """

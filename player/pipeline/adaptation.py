@@ -1,4 +1,4 @@
-"""The CPU twins of the passes that adapt a picture to the room (content.py says what is sought), in numpy."""
+"""CPU functions, in numpy, of the passes that adapt a picture to the room (content.py states the goal)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,10 +14,12 @@ SumsOf = Callable[..., FloatArray]
 
 @dataclass(frozen=True)
 class Limits:
-    """What a room lets a camera pixel have, (camera height, camera width, 3) each; see content.py.
+    """The light that a room allows each camera pixel; see content.py for the symbols.
 
-    near_white : 1 − F 1.  near_ambient : e − F e.  ambient : e.  most : S·1, and a fourth channel, 0 where a pixel does
-    not count.
+    near_white : (camera height, camera width, 3). 1 − F 1.
+    near_ambient : (camera height, camera width, 3). e − F e.
+    ambient : (camera height, camera width, 3). e.
+    most : (camera height, camera width, 4). S·1; the fourth channel is 0 for pixels that do not count.
     """
 
     near_white: FloatArray
@@ -29,10 +31,14 @@ class Limits:
 def clip_sums(
     u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float, offset: float | None
 ) -> FloatArray:
-    """What clips less what may, of 16 candidates, over all samples (clip_sums.frag, then block_sum.frag).
+    """Return how much more light clips than the budget allows, for 16 candidates (clip_sums.frag, then block_sum.frag).
 
-    u : in shares of white.  near : u − F u.  budget : share of A.  offset : o, of which the scales are tried; None
-    tries the offsets at s = 1 − o, and counts only what is too dark. Returns (16,).
+    u : (camera height, camera width, 3). The target in shares of white.
+    near : (camera height, camera width, 3). u − F u.
+    budget : share of A that may clip.
+    offset : o, for which all scales are tried. None tries the offsets with s = 1 − o, and counts only light below 0.
+
+    Returns (16,), summed over the samples.
     """
     at = np.ix_(*samples(u.shape[:2]))
     ambient, most = limits.ambient[at], limits.most[at]
@@ -49,12 +55,12 @@ def clip_sums(
 
 
 def tried(offset: float | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """o and s / (1 − o) of each, (16,)."""
+    """Return o and s / (1 − o) of the 16 candidates, (16,) each."""
     return (OFFSETS, np.ones(16)) if offset is None else (np.full(16, offset), SCALES)
 
 
 def samples(shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The rows and columns of a picture (height, width) that are summed."""
+    """Return the rows and columns of a picture (height, width) that enter the sums."""
     return tuple(map(_along, shape, *tile_grid(shape)))  # type: ignore[return-value]
 
 
@@ -64,9 +70,9 @@ def _along(length: int, tile: int, step: int) -> NDArray[np.int64]:
 
 
 def choose(candidates: FloatArray, sums: FloatArray, otherwise: int) -> float:
-    """The first candidate whose sum is at most 0, moved towards the one before as far as a line allows (choose.frag).
+    """Return the first candidate whose sum is at most 0, interpolated towards its predecessor (choose.frag).
 
-    otherwise : the candidate to take where there is none.
+    otherwise : index of the candidate to return if no sum is at most 0.
     """
     within = np.flatnonzero(sums <= 0)
     if not within.size:
@@ -81,7 +87,7 @@ def choose(candidates: FloatArray, sums: FloatArray, otherwise: int) -> float:
 def tone_of(
     u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float, sums_of: SumsOf | None = None
 ) -> NDArray[np.float64]:
-    """(s, o) for one picture.  sums_of : clip_sums, or what stands for it."""
+    """Return (s, o) for one picture. `sums_of` replaces clip_sums."""
     sums_of = sums_of or clip_sums
     sums = sums_of(u, near, limits, white, budget / 2, None)
     offset = choose(OFFSETS, sums, len(OFFSETS) - 1)

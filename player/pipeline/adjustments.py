@@ -1,13 +1,14 @@
-"""What a viewer changes while a picture plays: mpv's picture controls, what may clip, what is shown instead of it.
+"""The settings that a viewer changes during playback: mpv's picture controls, adaptation, test cards and placement.
 
-mpv's four act on the gamma-coded signal, before it becomes light, with mpv's ranges and meaning (its csputils.c). Of a
-code R' = (r, g, b), 0..1, with luma y by the medium's own weights,
+mpv's four controls act on the gamma-coded signal, before it becomes light, with mpv's ranges and meaning (csputils.c).
+For a code R' = (r, g, b), 0..1, with luma y by the medium's own weights,
 
     R' ← clamp(k (y + s (R' − y)) + l)^(1/γ),   k = 1 + contrast/100,   s = 1 + saturation/100,
                                                 l = brightness/100,     γ = 8^(gamma/100).
 
-mpv leaves the saturation of pictures in RGB alone; here they have BT.709's luma. An OpenEXR picture is radiance, has no
-code, and keeps what it asks for; black level and adaptation act on linear light and on every picture.
+mpv does not change the saturation of RGB pictures; here RGB pictures use BT.709's luma. OpenEXR pictures are radiance
+and have no codes, so the four controls do not change them. Black level and adaptation act on linear light, for every
+picture.
 """
 
 from dataclasses import dataclass, replace
@@ -29,14 +30,16 @@ LARGEST_GAMMA = 8.0
 
 @dataclass(frozen=True)
 class Adjustments:
-    """All that can be changed live; as it is made, nothing is. See PARAMETERS.
+    """Settings that can change during playback; the defaults change nothing. See PARAMETERS.
 
-    adapt : see player/pipeline/content.py.  flicker : weight of the previous frame's drive.
+    adapt : see player/pipeline/content.py.
+    flicker : weight of the previous frame's drive.
     target_peak, hdr_peak, tone_mapping : see player/pipeline/rendition.py.
     viewpoint : see counterlight.viewpoints.
-    card : one of counterlight.pipeline.test_cards.CARDS instead of the picture, uncompensated.
-    corners : of the picture in the camera's view; None fits it in.
-    lut : a table that codes go through; see player/pipeline/signal.py.
+    card : one of counterlight.pipeline.test_cards.CARDS, shown without compensation; None shows the picture.
+    corners : corners of the picture in the camera's view; None fits the picture in.
+    lut : lookup table for codes; see player/pipeline/signal.py.
+
     Raises InputError for a value out of its range.
     """
 
@@ -67,7 +70,7 @@ class Adjustments:
 
 
 def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, adjustments: Adjustments) -> tuple[Decoding, float]:
-    """The decoding with contrast and saturation in its matrix, and the lift of every code (brightness)."""
+    """Return the decoding with contrast and saturation in its matrix, and the offset of every code (brightness)."""
     kr, kb = LUMA_WEIGHTS.get(pixels.matrix, LUMA_WEIGHTS["bt709"])
     gain, saturation = 1 + adjustments.contrast / CONTROL.high, 1 + adjustments.saturation / CONTROL.high
     luma = np.outer(np.ones(3), (kr, 1 - kr - kb, kb))
@@ -76,7 +79,7 @@ def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, adjustments: Adju
 
 
 def adjusted_transfer(table: NDArray[np.float32], adjustments: Adjustments) -> NDArray[np.float32]:
-    """The transfer table with the viewer's gamma in it: light of code^(1/γ)."""
+    """Return the transfer table with the viewer's gamma applied: light of code^(1/γ)."""
     if not adjustments.gamma:
         return table
     codes = np.linspace(0, 1, table.size)

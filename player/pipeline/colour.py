@@ -1,4 +1,4 @@
-"""From a frame's colour metadata to the numbers that both backends need: codes -> RGB code values, chroma positions."""
+"""Converts a frame's colour metadata to the numbers of both backends: code matrices, primaries, chroma positions."""
 
 from dataclasses import dataclass
 
@@ -17,16 +17,18 @@ PRIMARIES = {
     "p3": ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)),
 }
 D65 = 0.3127, 0.3290
-# Chroma coordinate of luma pixel 0 when two luma pixels share a sample: on it, or a quarter beside it.
+# Chroma coordinate of luma pixel 0 if two luma pixels share a chroma sample: on the sample, or a quarter before it.
 SITED, BETWEEN = 0.0, -0.25
 
 
 @dataclass(frozen=True)
 class Decoding:
-    """RGB code values = to_rgb · (samples − black) / span, chroma sample = luma pixel / subsampling + chroma_offset.
+    """RGB code values = to_rgb · (samples − black) / span; chroma sample = luma pixel / subsampling + chroma_offset.
 
-    black, span : (3,) in code values of the planes.  to_rgb : (3, 3).
-    subsampling : luma pixels per chroma sample, (x, y).  chroma_offset : (x, y).
+    black, span : (3,). In code values of the planes.
+    to_rgb : (3, 3).
+    subsampling : (x, y). Luma pixels per chroma sample.
+    chroma_offset : (x, y).
     """
 
     black: NDArray[np.float64]
@@ -37,7 +39,7 @@ class Decoding:
 
 
 def decoding_of(pixels: PixelFormat) -> Decoding:
-    """The decoding of a pixel format (ITU-R BT.601, BT.709, BT.2020; BT.2100 for the ranges at 8 to 16 bit)."""
+    """Return the decoding of a pixel format (ITU-R BT.601, BT.709, BT.2020; BT.2100 for the ranges at 8 to 16 bit)."""
     luma, chroma = pixels.planes[0], pixels.planes[1]
     ratio = round(luma.width / chroma.width), round(luma.height / chroma.height)
     x = SITED if pixels.chroma_siting in ("left", "topleft") else BETWEEN
@@ -56,14 +58,14 @@ def decoding_of(pixels: PixelFormat) -> Decoding:
 
 
 def to_screen(primaries: str) -> NDArray[np.float64]:
-    """(3, 3), linear RGB of PRIMARIES -> that of the screen, which has BT.709's; the identity for these."""
+    """Return the (3, 3) matrix from linear RGB of `primaries` to the screen's BT.709; the identity for BT.709."""
     if primaries == "bt709":
         return np.eye(3)
     return np.asarray(np.linalg.solve(_to_xyz(PRIMARIES["bt709"]), _to_xyz(PRIMARIES[primaries])), np.float64)
 
 
 def _to_xyz(primaries: tuple[tuple[float, float], ...]) -> NDArray[np.float64]:
-    """The normalised primary matrix, whose white has Y = 1 (SMPTE RP 177)."""
+    """Return the normalised primary matrix, whose white has Y = 1 (SMPTE RP 177)."""
     columns, white = (np.array([(x / y, 1, (1 - x - y) / y) for x, y in points]).T for points in (primaries, [D65]))
     return np.asarray(columns * np.linalg.solve(columns, white[:, 0]))
 

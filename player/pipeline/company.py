@@ -1,11 +1,11 @@
-"""Eyes that look at one picture from several places: the drive that serves them, each by its share.
+"""One drive for several views: each view counts by its share.
 
-With shares λ of sum 1, steps go towards
+With shares λ of sum 1, the steps minimise
 
-    min Σ λ (½ Σ w (T p − b)² + ½ pᵀP p),        0 ≤ p ≤ 1,
+    Σ λ (½ Σ w (T p − b)² + ½ pᵀP p),        0 ≤ p ≤ 1,
 
-T, b, w and P each eye's own (refinement.py): the mean of their slopes, stepped by the inverse of the mean of their
-curvatures. They start from the mean of the eyes' own starts. Of one eye alone, all of that is its own.
+with T, b, w and P of each view (refinement.py). A step is the mean of the views' slopes, divided by the mean of their
+curvatures. The start is the mean of the views' own starts. With one view, all means are that view's own values.
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from counterlight.pipeline.starts import GreyStart, Iterate, MapStart, PreviousS
 
 
 class Mean:
-    """Σ λ picture of pictures of the projector's size, in one of two targets by turns; a single one as it is."""
+    """Weighted mean Σ λ picture of pictures of the projector's size. A single picture is returned as it is."""
 
     def __init__(self, device: Device, shape: tuple[int, int]) -> None:
         self._device, self._shape, self._owner = device, shape, Owner()
         self._passes: list[Light] = []
 
     def run(self, pictures: Sequence[tuple[float, Light]]) -> Light:
-        """Valid until the next call."""
+        """Return the mean of (share, picture) pairs; valid until the next call."""
         (total, mean), *others = pictures
         for number, (share, picture) in enumerate(others):
             total += share
@@ -43,9 +43,10 @@ class Mean:
 
 
 class Company:
-    """Makes drives for eyes.  shape : (height, width) of the projector.
+    """Makes drives for views.
 
-    refines : whether there are the maps for it.
+    shape : (height, width) of the projector.
+    refines : whether every view has the maps of refinement.
     """
 
     def __init__(self, device: Device, eyes: Sequence[Eye], shape: tuple[int, int]) -> None:
@@ -56,7 +57,10 @@ class Company:
         self._several: _Several | None = None
 
     def start_from(self, start: str, bare: str = "map") -> None:
-        """Have refinement start there, one of STARTS.  bare : "map" or "direct", what is shown without steps."""
+        """Set where refinement starts, one of STARTS.
+
+        bare : the drive without steps: "map" for clamp(T⁺ b), or "direct" for direct mapping.
+        """
         self._bare = bare if self.refines else "map"
         if self.refines:
             if start not in self._starts:
@@ -72,7 +76,7 @@ class Company:
         return PreviousStart(self._device, self._shape, _Guessed(self._guesses, of, clamp=False))
 
     def stand(self, shares: Sequence[tuple[float, Eye]]) -> None:
-        """Take the eyes that have a share from now on; of several, their curvature is made here, once."""
+        """Use these (share, view) pairs from now on. For several views, compute their mean curvature once, here."""
         if len(shares) > 1 and self.refines:
             if self._several is None:
                 self._several = self._owner.own(_Several(self._device, self._shape))
@@ -80,16 +84,16 @@ class Company:
             self._several.take(self._curvatures.run(curvatures))
 
     def advance(self, *, cut: bool) -> None:
-        """A new frame comes; cut: it has nothing to do with the one before."""
+        """Prepare for a new frame; `cut` says that it is unrelated to the previous one."""
         if self.refines:
             self._start.advance(cut=cut)
 
     def guess(self, asked: Sequence[Asked]) -> Iterate:
-        """Without steps: the thesis' clamp(T⁺ b), or direct mapping; the mean of the eyes'."""
+        """Return the drive without steps: the mean of the views' clamp(T⁺ b) (the thesis' method) or direct mapping."""
         return standing(_Guessed(self._guesses, self._bare, clamp=True)(asked))
 
     def begin(self, asked: Sequence[Asked]) -> Iterate:
-        """Where the frame's steps start."""
+        """Return the start of the frame's steps."""
         return self._start.run(asked)
 
     def refine(self, start: Iterate, asked: Sequence[Asked], steps: int) -> Iterate:
@@ -108,7 +112,7 @@ class Company:
 
 
 class _Guessed:
-    """What eyes ask -> the mean of their drives without steps."""
+    """Maps the targets of views to the mean of their drives without steps."""
 
     def __init__(self, mean: Mean, of: str, *, clamp: bool) -> None:
         self._mean, self._of, self._clamp = mean, of, clamp
@@ -118,7 +122,7 @@ class _Guessed:
 
 
 class _Several:
-    """Steps on the mean slope of several eyes; their priors are in it already."""
+    """Steps on the mean slope of several views. The slopes already contain the priors."""
 
     def __init__(self, device: Device, shape: tuple[int, int]) -> None:
         self._owner = Owner()

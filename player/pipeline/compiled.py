@@ -1,10 +1,10 @@
-"""The passes of a frame compiled for the CPU by Numba: what cpu_renderer.py runs where reference.py says what is meant.
+"""The passes of a frame, compiled for the CPU by Numba. cpu_renderer.py runs them; reference.py defines their results.
 
-Pictures are (rows, columns, channels) float32, contiguous; each kernel fills `out` and allocates nothing but a row.
-Rows are shared out among the cores, and every value is computed in one order by one of them, so that the bytes are the
-same on every run and whatever the number of threads. Arithmetic is in float32, as the shaders'; long sums go on in
-float64. Kernels hold Python's lock: two threads of ours, the show's and one that estimates, never share out loops at a
-time, which would end the process where Numba has but its own queue of work for that.
+Pictures are (rows, columns, channels) float32, contiguous. Each kernel fills `out` and allocates at most a few rows.
+Cores share the rows, and one core computes each value in a fixed order. The output is therefore the same bytes on every
+run, for any number of threads. Arithmetic is float32, as in the shaders; long sums are accumulated in float64. Kernels
+hold Python's lock, so that the show and the estimating thread never start parallel loops at the same time. With Numba's
+own thread pool ("workqueue"), that would end the process.
 """
 
 from collections.abc import Callable
@@ -20,20 +20,22 @@ from numpy.typing import NDArray
 
 from counterlight.maps.mixing import SWEEPS
 from counterlight.maps.products import kept
+from counterlight.maps.unpacking import unpack_entries
 from counterlight.pipeline.reference import TINY
 
 Picture = NDArray[np.float32]
 Whole = NDArray[np.integer]
-REPLACE, ADD, SUBTRACT, CLAMP = range(4)  # how a product meets its base
-STRETCH = 64  # entries of a row that are summed in float32; a sum all in float64 takes twice as long
-SHARES = 64  # of the rows of a product, that cores take one by one
+REPLACE, ADD, SUBTRACT, CLAMP = range(4)  # how a product is combined with its base
+STRETCH = 64  # entries of a row that are summed in float32; a sum entirely in float64 takes twice as long
+SHARES = 64  # parts of the rows of a product; each core takes one part at a time
 PICTURE, PLANE, LINE = "float32[:, :, ::1]", "float32[:, ::1]", "float32[::1]"
 
-KERNELS: list[tuple[Any, tuple[str, ...]]] = []
+_UNPACKING = f"uint32[:, ::1], {PICTURE}, uint32[:, ::1], int64[::1], int32[::1], {PLANE}"
+KERNELS: list[tuple[Any, tuple[str, ...]]] = [(unpack_entries, (_UNPACKING,))]
 
 
 def kernel(*signatures: str) -> Callable[[Callable[..., None]], Any]:
-    """Compiled on first use, or by `prepare`, and kept for the next start where a folder can be written for that."""
+    """Decorator: compile on first use or by `prepare`, and cache for the next start if a writable folder exists."""
     options: dict[str, Any] = {"parallel": True, "error_model": "numpy"}
 
     def compiled(function: Callable[..., None]) -> Any:
@@ -45,27 +47,28 @@ def kernel(*signatures: str) -> Callable[[Callable[..., None]], Any]:
 
 
 def prepare(compiling: Callable[[int], None] = lambda left: None) -> None:
-    """Load every kernel that is kept, and compile the others.
+    """Load every cached kernel, and compile the others.
 
-    compiling : called before each compilation with the number of kernels that are left. Numba's own event says so: how
-    long a kernel takes does not, for loading all of them takes a second as well, and longer on a busy machine.
+    compiling : called before each compilation with the number of remaining kernels. Numba's own event triggers the
+        call. Load time would be no criterion: loading all kernels takes a second, and longer on a busy machine.
     """
     wanted = [(made, signature) for made, signatures in KERNELS for signature in signatures]
     for number, (made, signature) in enumerate(wanted):
-        # As text, it would be kept apart from what a call compiles.
+        # A signature passed as text would be cached separately from the one that a call compiles.
         types, _ = normalize_signature(f"({signature})")  # type: ignore[no-untyped-call]
         compiles = _Compiles(partial(compiling, len(wanted) - number))
-        with suppress(OSError), event.install_listener("numba:compile", compiles):  # OSError: compiled, disk full
+        # OSError: compiled, but the disk is full
+        with suppress(OSError), event.install_listener("numba:compile", compiles):
             made.compile(types)
 
 
 def is_kept() -> bool:
-    """Whether there is a folder where kernels are kept for the next start."""
+    """Returns whether a folder exists that caches kernels for the next start."""
     return all(made.stats.cache_path is not None for made, _ in KERNELS)
 
 
 class _Compiles(event.Listener):
-    """Calls `started` when Numba compiles a function, and not when Numba loads it."""
+    """Calls `started` when Numba compiles a function, but not when Numba loads one from the cache."""
 
     def __init__(self, started: Callable[[], None]) -> None:
         self._started = started
@@ -74,11 +77,11 @@ class _Compiles(event.Listener):
         self._started()
 
     def on_end(self, event: Any) -> None:
-        """Nothing to do."""
+        """Required by the interface; does nothing."""
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Part of the kernels that call it."""
+    """Decorator: inline the function into the kernels that call it."""
     return numba.njit(inline="always", error_model="numpy")(function)
 
 
@@ -94,7 +97,7 @@ def _between(first: Any, second: Any, share: Any) -> Any:
 
 @inlined
 def looked_up(table: Any, share: Any) -> Any:
-    """Of (samples,) over 0..1, linear between them. Unsigned: nothing asks whether an index counts from the end."""
+    """Look up a share 0..1 in a (samples,) table, interpolated linearly. Unsigned indices need no wraparound check."""
     at = share * np.float32(table.size - 1)
     low = np.uint32(min(np.int32(at), np.int32(table.size - 2)))
     return table[low] + (table[low + np.uint32(1)] - table[low]) * (at - np.float32(low))
@@ -123,12 +126,15 @@ def decode(
     below: int,
     out: Picture,
 ) -> None:
-    """Codes -> linear light (planes_to_linear): table of clamp(matrix · (Y, Cb, Cr) + lift).
+    """Convert codes to linear light (planes_to_linear): table lookup of clamp(matrix · (Y, Cb, Cr) + lift).
 
-    rows, columns : (2, length), the chroma samples on either side of a pixel, the second's share in down and across.
-    out : (pixels, 3) of the upright picture; start, right, below : where the first stored pixel stands there, and how
-    many pixels on from one that on its right, and that below it, do.
-    In passes over a row, each of which runs on several pixels at a time.
+    rows, columns : (2, length). The chroma samples on either side of a pixel.
+    down, across : (length,). Weight of the second chroma sample.
+    start : index of the first stored pixel in the upright picture.
+    right, below : index steps in the upright picture to the next stored pixel to the right, and below.
+    out : (pixels, 3). The upright picture.
+
+    Separate loops over a row let the compiler process several pixels at a time.
     """
     height, width = rows.shape[1], columns.shape[1]
     for y in numba.prange(height):
@@ -155,7 +161,7 @@ def decode(
 
 @kernel(f"{PICTURE}, int32[::1], {PLANE}, {PICTURE}")
 def across(source: Picture, first: Whole, weights: Picture, out: Picture) -> None:
-    """Filter along x (resample): pixel x of a row sums weights[x] times the source's pixels from first[x] on."""
+    """Filter along x (resample): pixel x of a row sums weights[x] times the source pixels from first[x] on."""
     taps = weights.shape[1]
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
@@ -170,7 +176,7 @@ def across(source: Picture, first: Whole, weights: Picture, out: Picture) -> Non
 
 @kernel(f"{PLANE}, int32[::1], {PLANE}, {PLANE}")
 def down(source: Picture, first: Whole, weights: Picture, out: Picture) -> None:
-    """Filter along y; source, out : (rows, values)."""
+    """Filter along y (resample). source, out : (rows, values)."""
     for y in numba.prange(out.shape[0]):
         for i in range(out.shape[1]):
             out[y, i] = weights[y, 0] * source[first[y], i]
@@ -184,7 +190,7 @@ def down(source: Picture, first: Whole, weights: Picture, out: Picture) -> None:
 def pinned(
     source: Picture, H: NDArray[np.float64], most_taps: int, across: Picture, down: Picture, out: Picture
 ) -> None:
-    """Place a picture by a projective map, black around it (pinned); across, down : of a screen, or without pixels."""
+    """Place a picture by a projective map, with black around it (pinned). `across`, `down` : empty without a screen."""
     height, width = source.shape[:2]
     on_screen = across.shape[0] > 0
     for y in numba.prange(out.shape[0]):
@@ -218,7 +224,7 @@ def pinned(
 
 @inlined
 def projected(H: Any, x: Any, y: Any) -> Any:
-    """Where the centre of a pixel lands, and the third component."""
+    """Return the position to which H maps a pixel centre, and the third homogeneous component."""
     w = H[2, 0] * (x + 0.5) + H[2, 1] * (y + 0.5) + H[2, 2]
     u = H[0, 0] * (x + 0.5) + H[0, 1] * (y + 0.5) + H[0, 2]
     v = H[1, 0] * (x + 0.5) + H[1, 1] * (y + 0.5) + H[1, 2]
@@ -227,7 +233,7 @@ def projected(H: Any, x: Any, y: Any) -> Any:
 
 @inlined
 def _taps(centre: Any, reach: Any, count: Any, most: Any) -> Any:
-    """First and last sample of a tent, the step between them, and its radius."""
+    """Return the first and last sample of a tent filter, the step between samples, and its radius."""
     radius = max(reach, 1.0)
     first, last = np.ceil(centre - radius - 0.5), np.floor(centre + radius - 0.5)
     step = max(np.ceil(2 * radius / most), 1.0)
@@ -236,7 +242,7 @@ def _taps(centre: Any, reach: Any, count: Any, most: Any) -> Any:
 
 @inlined
 def _turned(row: Any, squares: Any) -> Any:
-    """Q Qᵀ times a row of A."""
+    """Returns Q Qᵀ times a row of A (maps/mixing.py)."""
     return (
         squares[0] * row[0] + squares[1] * row[1] + squares[2] * row[2],
         squares[3] * row[0] + squares[4] * row[1] + squares[5] * row[2],
@@ -251,14 +257,14 @@ def _dot(first: Any, second: Any) -> Any:
 
 @inlined
 def _more(light: Any, moved: Any, own: Any, most: Any) -> Any:
-    """By how much a limit moves its primary beyond what it has done, over N's diagonal."""
+    """Returns how far a limit moves its primary beyond the move so far, divided by N's diagonal (maps/mixing.py)."""
     alone = light - own * moved
     return (within(alone, np.float32(0), most) - alone) / own - moved
 
 
 @inlined
 def _nearest(red: Any, green: Any, blue: Any, most: Any, rows: Any, squares: Any) -> Any:
-    """See maps/mixing.py."""
+    """Return the light within the limits that the camera sees nearest to the target; see maps/mixing.py."""
     red_turned, green_turned = _turned(rows[0], squares), _turned(rows[1], squares)
     rr, rg, rb = _dot(rows[0], red_turned), _dot(rows[1], red_turned), _dot(rows[2], red_turned)
     gg, gb, bb = _dot(rows[1], green_turned), _dot(rows[2], green_turned), _dot(rows[2], _turned(rows[2], squares))
@@ -289,9 +295,9 @@ def desired(
     squares: Picture,
     out: Picture,
 ) -> None:
-    """b = gain · picture + offset − ambient (desired_light), taken through a matrix of each pixel, and limited.
+    """Compute b = gain · picture + offset − ambient (desired_light), apply a matrix per pixel, and limit the result.
 
-    row_red, row_green, row_blue, full, squares : empty where there is none.
+    row_red, row_green, row_blue, full, squares : empty arrays switch the matrix or the limits off.
     """
     mixes, limits, makes_up = row_red.size > 0, full.size > 0, squares.size > 0
     zero, one = np.float32(0), np.float32(1)
@@ -322,7 +328,7 @@ def desired(
 
 @inlined
 def summed(first: Any, end: Any, indices: Whole, weights: Picture, source: Picture) -> Any:
-    """Σ weights[k] source[indices[k]] of the entries from `first` to `end`, in float32."""
+    """Return Σ weights[k] source[indices[k]] of the entries from `first` to `end`, in float32."""
     red, green, blue = np.float32(0), np.float32(0), np.float32(0)
     for k in range(first, end):
         at = indices[k]
@@ -334,7 +340,7 @@ def summed(first: Any, end: Any, indices: Whole, weights: Picture, source: Pictu
 
 @inlined
 def summed_long(first: Any, end: Any, indices: Whole, weights: Picture, source: Picture) -> Any:
-    """The same in stretches, whose sums are added in float64."""
+    """Return the sum of `summed` for a long row: stretches of STRETCH entries, added in float64."""
     red, green, blue = 0.0, 0.0, 0.0
     for begin in range(first, end, STRETCH):
         r, g, b = summed(begin, min(begin + STRETCH, end), indices, weights, source)
@@ -346,9 +352,11 @@ def summed_long(first: Any, end: Any, indices: Whole, weights: Picture, source: 
 def product(
     indptr: Whole, indices: Whole, weights: Picture, source: Picture, base: Picture, combine: Any, out: Picture
 ) -> None:
-    """Σ_k weights[k] source[indices[k]] of every row (row_map), and how it meets `base`; pictures (pixels, 3).
+    """Compute Σ_k weights[k] source[indices[k]] of every row (row_map), and combine it with `base`.
 
-    Rows of at most STRETCH entries are summed in float32 alone, which rounds to the same in two thirds of the time.
+    source, base, out : (pixels, 3).
+
+    Rows of at most STRETCH entries are summed in float32 alone: the same rounding in two thirds of the time.
     """
     rows = out.shape[0]
     for share in numba.prange(SHARES):
@@ -372,7 +380,7 @@ def product(
 
 @kernel(f"float32, {PLANE}, float32, {PLANE}, boolean, {PLANE}")
 def combined(a: Any, first: Picture, b: Any, second: Picture, clamp: Any, out: Picture) -> None:
-    """a · first + b · second (combine, blend); pictures (rows, values)."""
+    """Compute a · first + b · second (combine, blend); pictures (rows, values)."""
     for y in numba.prange(out.shape[0]):
         for i in range(out.shape[1]):
             value = a * first[y, i] + b * second[y, i]
@@ -394,7 +402,7 @@ def step(
     next_p: Picture,
     next_y: Picture,
 ) -> None:
-    """One projected gradient step (refinement_step); pictures (rows, values).  draws : the prior is not 0."""
+    """One projected gradient step (refinement_step); pictures (rows, values). `draws` : the prior is not 0."""
     height, width = y.shape
     for row in numba.prange(height):
         for i in range(width):
@@ -436,7 +444,10 @@ def clip_sums(
     bright: Any,
     out: NDArray[np.float64],
 ) -> None:
-    """What clips less what may, of each candidate (clip_sums in adaptation.py).  bright : what is too bright counts."""
+    """Compute the clipped light above the budget for each candidate (clip_sums in adaptation.py).
+
+    bright : whether light above the maximum counts, too.
+    """
     for i in numba.prange(out.size):
         o, share, total = np.float32(offsets[i]), np.float32((1 - offsets[i]) * shares[i]), 0.0
         for y in rows:

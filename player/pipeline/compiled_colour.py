@@ -1,4 +1,4 @@
-"""What becomes of decoded codes and light on their way to the screen, compiled; see signal.py and rendition.py."""
+"""Compiled passes from decoded codes to light on the screen; see signal.py and rendition.py."""
 
 from typing import Any
 
@@ -16,9 +16,10 @@ RED_2020, GREEN_2020, BLUE_2020 = (np.float32(weight) for weight in LUMINANCE_20
 
 @kernel(f"{PLANE}, float32[:, :, :, ::1], {LINE}, {LINE}, {LINE}")
 def through_table(codes: Picture, table: Picture, low: Picture, scale: Picture, transfer: Picture) -> None:
-    """Codes -> what a table makes of them -> light, in place (tetrahedral).  codes : (pixels, 3), within 0..1.
+    """Apply a lookup table to codes and convert the result to light, in place (tetrahedral).
 
-    low, scale : (3,), a code's position in the table is (code − low) · scale.
+    codes : (pixels, 3). Within 0..1.
+    low, scale : (3,). The position of a code in the table is (code − low) · scale.
     """
     last = np.float32(table.shape[0] - 1)
     for i in numba.prange(codes.shape[0]):
@@ -45,7 +46,7 @@ def through_table(codes: Picture, table: Picture, low: Picture, scale: Picture, 
 
 @inlined
 def _cell(position: Any, last: Any) -> Any:
-    """The cell of a table along an axis, and the share of the way through it."""
+    """Return the cell of a table along one axis, and the position within the cell, 0..1."""
     inside = within(position, ZERO, last)
     cell = min(np.int64(inside), np.int64(last) - 1)
     return cell, inside - np.float32(cell)
@@ -53,7 +54,7 @@ def _cell(position: Any, last: Any) -> Any:
 
 @kernel(f"{PLANE}, float32, float32, {LINE}, {PLANE}")
 def on_screen(light: Picture, ootf: Any, top: Any, gain: Picture, matrix: Picture) -> None:
-    """Light of a medium -> light on the screen, in place (Rendition.on_screen).  light : (pixels, 3)."""
+    """Convert light of a medium to light on the screen, in place (Rendition.on_screen). light : (pixels, 3)."""
     for i in numba.prange(light.shape[0]):
         r, g, b = light[i, 0], light[i, 1], light[i, 2]
         share = ONE

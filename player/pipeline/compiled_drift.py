@@ -1,4 +1,4 @@
-"""The compiled pass of a picture that has moved since the calibration: moved in drift.py."""
+"""The compiled pass for a projector picture that has moved since the calibration (moved in drift.py)."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ def moved(
     height: int,
     out: Picture,
 ) -> None:
-    """One projector's part of a drive as it is shown now (moved in drift.py)."""
+    """Compute one projector's part of the drive for its current position (moved in drift.py)."""
     for y in numba.prange(height):
         for x in range(width):
             u, v, w = projected(N, x, y)
@@ -47,7 +47,7 @@ def moved(
 
 @inlined
 def _keys(t: Any) -> Any:
-    """Weights of the six pixels around a share t of the way between the inner two (drift.py)."""
+    """Return the weights of six neighbouring pixels at a share t between the inner two (drift.py)."""
     return _far(2 + t), _middle(1 + t), _near(t), _near(1 - t), _middle(2 - t), _far(3 - t)
 
 
@@ -68,5 +68,5 @@ def _far(x: Any) -> Any:
 
 @inlined
 def _mirrored(index: Any, last: Any) -> Any:
-    """A pixel of a line that goes on around its outermost pixels."""
+    """Return an index reflected at both ends of a line; the outermost pixel is not repeated."""
     return within(last - abs(last - abs(index)), 0, last)

@@ -1,4 +1,4 @@
-"""Light -> code values, compiled; see encoding.py."""
+"""The compiled pass from light to code values; see encoding.py."""
 
 from typing import Any
 
@@ -29,12 +29,13 @@ def encode(
     thresholds: Picture,
     out: NDArray[np.uint8],
 ) -> None:
-    """Linear light -> code values (encode).
+    """Convert linear light to 8-bit code values (encode).
 
-    codes : (projectors, 3, samples) over √light.  of_column : whose each is, in each row of projectors.
-    colours : (projectors, 3, 3), if light mixes.
-    segments : (projectors, 2, 3, samples), or none.
-    thresholds : of ORDERED, repeated.
+    codes : (projectors, 3, samples). Code values over √light.
+    of_column : (rows of projectors, width). Index of the projector that each column belongs to.
+    colours : (projectors, 3, 3). Used if `mixes` is true.
+    segments : (projectors, 2, 3, samples), or empty.
+    thresholds : of ORDERED dither, repeated.
     """
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
@@ -69,7 +70,7 @@ def _root(light: Any, scale: Any) -> Any:
 
 @inlined
 def _without_segment(roots: Any, tables: Any) -> Any:
-    """√p -> √(p − s(m)) of the three primaries."""
+    """Return √(p − s(m)) of the three primaries, given √p."""
     each = looked_up(tables[0, 0], roots[0]), looked_up(tables[0, 1], roots[1]), looked_up(tables[0, 2], roots[2])
     darkest = np.sqrt(min(each[0], min(each[1], each[2])))
     return (

@@ -1,4 +1,4 @@
-"""Passes of cpu_renderer.py over the kernels of compiled.py, by the names of the shaders that they stand for."""
+"""Passes of cpu_renderer.py over the kernels of compiled.py, named after the shaders that they replace."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -19,9 +19,10 @@ NO_SQUARES = np.zeros(0, np.float32)
 
 
 class Drawn(Held):
-    """A pass into a target of its own, as on a GPU: what it returns is valid until it runs again.
+    """A pass that draws into its own target, as on a GPU. Its result is valid until the pass runs again.
 
-    draw : fills the target, its first argument.  uniforms : what it is told beside the pictures, in its twin's words.
+    draw : function that fills the target, its first argument.
+    uniforms : further arguments of `draw`, named as in the CPU function of reference.py.
     """
 
     def __init__(self, draw: Callable[..., None], shape: tuple[int, int], uniforms: dict[str, Any]) -> None:
@@ -70,7 +71,7 @@ def blend(out: Picture, *, now: Picture, before: Picture, weight: float, gain: f
 
 
 def resample(out: Picture, *, source: Picture, axis: int, origin: float, extent: float) -> None:
-    """axis : 0, along x, or 1, along y, as the shader counts."""
+    """Filter along one axis. axis : 0 for x, 1 for y, as in the shader."""
     along = 1 - axis
     first, weights = tents(source.shape[along], out.shape[along], origin, extent)
     if along:
@@ -95,7 +96,7 @@ def moved(out: Picture, *, drive: Picture, projectors: Picture) -> None:
 def clip_sums(
     u: NDArray[np.floating], near: Picture, limits: Limits, white: float, budget: float, offset: float | None
 ) -> NDArray[np.float64]:
-    """As adaptation.clip_sums, which it stands for."""
+    """Compiled version of adaptation.clip_sums."""
     told, (offsets, shares), sums = vars(limits).values(), tried(offset), np.empty(16)
     pace = np.float32(white), np.float32(budget), offsets, shares, offset is not None
     compiled.clip_sums(u.astype(np.float32), near, *told, *samples(u.shape[:2]), *pace, sums)
@@ -104,7 +105,7 @@ def clip_sums(
 
 @lru_cache(maxsize=8)
 def tents(count: int, length: int, origin: float, extent: float) -> tuple[Whole, Picture]:
-    """The filters of resample_axis in bands: the first sample of each, (length,), and weights, (length, taps)."""
+    """Return the filters of resample_axis as bands: the first sample (length,) and the weights (length, taps)."""
     scale = count / extent
     centre = (np.arange(length) + 0.5 - origin) * scale
     radius = max(scale, 1.0)
@@ -117,7 +118,7 @@ def tents(count: int, length: int, origin: float, extent: float) -> tuple[Whole,
 
 
 def flat(picture: Picture) -> Picture:
-    """(rows, values)."""
+    """View as (rows, values)."""
     return picture.reshape(picture.shape[0], -1)
 
 

@@ -1,4 +1,4 @@
-"""The backend without OpenGL (`--backend cpu`): compiled passes for what every frame needs, numpy's for what is rare.
+"""The backend without OpenGL (`--backend cpu`): compiled passes for every frame, numpy passes for rare operations.
 
 Pictures are arrays (height, width, channels), contiguous float32.
 """
@@ -29,7 +29,7 @@ COMBINE = {
     "SUBTRACT_FROM_BASE": compiled.SUBTRACT,
     "CLAMP": compiled.CLAMP,
 }
-AS_IT_IS = np.array([0, 1], np.float32)  # a transfer table that leaves codes codes
+AS_IT_IS = np.array([0, 1], np.float32)  # identity transfer table
 DITHERS = {"none": compiled_encoding.NO_DITHER, "ordered": compiled_encoding.ORDERED, "noise": compiled_encoding.NOISE}
 
 
@@ -39,7 +39,7 @@ class CpuRenderer(Renderer):
 
 
 class CpuDevice(ReferenceDevice):
-    """Numba as a device of the pipeline."""
+    """Device of the pipeline that computes with Numba."""
 
     def picture(self, picture: NDArray[Any]) -> Picture:
         return np.array(picture, np.float32, order="C")
@@ -59,7 +59,7 @@ class CpuDevice(ReferenceDevice):
         return _Planes(pixels)
 
     def adapter(self, near_light: NearLight, ambient: Picture, most: Picture, white: float) -> Adapter:
-        """Near light is asked for in this device's pictures, and kept while the next is drawn."""
+        """Near light is computed from this device's pictures; a copy survives the next draw."""
         return Adapter(lambda light: near_light(self.picture(light)).copy(), ambient, most, white, clip_sums)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
@@ -73,7 +73,7 @@ class CpuDevice(ReferenceDevice):
 
 
 class _Rare(Held):
-    """A twin in numpy, its picture brought into this device's format."""
+    """A numpy pass whose result is converted to this device's format."""
 
     def __init__(self, twin: Pass) -> None:
         self._twin = twin
@@ -89,7 +89,7 @@ class _Rare(Held):
 
 
 class _Map(Held):
-    """Unsigned indices, so that nothing asks whether they count from the end."""
+    """A row map with unsigned indices, which avoid Numba's wraparound check."""
 
     def __init__(self, packed: RowMap) -> None:
         rows = unpack(packed)
@@ -119,7 +119,7 @@ def _pixels(picture: Picture) -> Picture:
 
 
 class _Planes(Held):
-    """Codes are decoded by compiled.decode; radiance is taken as it is."""
+    """Decodes codes with compiled.decode; radiance is copied as it is."""
 
     def __init__(self, pixels: PixelFormat) -> None:
         self._pixels, self._drawn = pixels, False
@@ -175,14 +175,14 @@ class _Planes(Held):
 
 
 def _walk(upright: Picture, stored: Picture) -> tuple[int, int, int]:
-    """Where the first pixel of a view stands among the upright picture's, and the steps to its right and below it."""
+    """Return the index of a view's first pixel within the upright picture, and the index steps right and down."""
     address = [each.__array_interface__["data"][0] for each in (upright, stored)]
     pixel = upright.strides[1]
     return (address[1] - address[0]) // pixel, stored.strides[1] // pixel, stored.strides[0] // pixel
 
 
 def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole, Picture]:
-    """The chroma samples on either side of each of `length` pixels, (2, length), and the second's share, (length,)."""
+    """Return the chroma samples on either side of each pixel, (2, length), and the second's weight, (length,)."""
     position = np.arange(length) / every + offset
     low = np.floor(position)
     return np.clip([low, low + 1], 0, count - 1).astype(np.uint32), (position - low).astype(np.float32)
@@ -209,7 +209,7 @@ class _Encoder(Held):
 
 
 class _Stepper(Held):
-    """By turns into two pairs of targets."""
+    """Alternates between two pairs of targets."""
 
     def __init__(self, shape: tuple[int, int], prior: Mapping[str, Picture]) -> None:
         self._prior = [flat(prior[name]) for name in ("damping", "right", "down")]

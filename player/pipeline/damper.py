@@ -5,7 +5,7 @@ from counterlight.pipeline.device import Device, Light
 
 
 class Damper:
-    """(1 − weight) drive + weight of what was shown before; after a cut or a gap the drive as it is."""
+    """Computes (1 − weight) drive + weight · previous drive. After a cut or a gap, the drive is unchanged."""
 
     def __init__(self, device: Device, shape: tuple[int, int]) -> None:
         self._succession = Succession(lasting=False)

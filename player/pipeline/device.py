@@ -1,7 +1,7 @@
-"""What a backend offers the pipeline: it holds pictures, draws passes over them, and multiplies with a room's maps.
+"""The interface of a backend: it holds pictures, draws passes, and multiplies with a room's maps.
 
-gl/device.py does it with OpenGL, cpu_renderer.py with compiled passes, reference_renderer.py with the twins of the
-shaders; what is done in which order is written once, in renderer.py and what that is made of.
+gl/device.py implements it with OpenGL, cpu_renderer.py with compiled passes, reference_renderer.py with numpy. The
+order of the passes is written once, in renderer.py and the modules that it uses.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,11 +27,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PathReport:
-    """How a renderer multiplies with the room's maps.
+    """A renderer's way of multiplying with the room's maps.
 
-    name : one of PATHS but "auto", "cpu" or "reference".  entry_bytes : of an entry of the correction map.
-    light_bytes : mean of one of T where T and Tᵀ are in words; None where it has as many.
-    measured : milliseconds of a frame's products on each path, at the start; empty if that was not asked for.
+    name : one of PATHS except "auto", or "cpu" or "reference".
+    entry_bytes : bytes per entry of the correction map.
+    light_bytes : mean bytes per entry of T if T and Tᵀ are packed in words; None otherwise.
+    measured : milliseconds of a frame's products on each path, measured at startup; empty without a measurement.
     """
 
     name: str
@@ -40,7 +41,7 @@ class PathReport:
     measured: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Milliseconds to the microsecond."""
+        """Return values for JSON; times in milliseconds, rounded to microseconds."""
         values = {"name": self.name, "entry_bytes": self.entry_bytes, "light_bytes": self.light_bytes}
         values |= {f"{name}_ms": ms for name, ms in self.measured.items()}
         shown = {key: round(value, 3) if isinstance(value, float) else value for key, value in values.items()}
@@ -53,7 +54,7 @@ class PathReport:
 
 
 class Owner:
-    """Holds what must be released, and releases it, the last first; arrays need no release."""
+    """Holds resources and releases them in reverse order. Arrays need no release."""
 
     def __init__(self) -> None:
         self._owned: list[Any] = []
@@ -64,7 +65,7 @@ class Owner:
         return resource
 
     def give_up(self, resource: object) -> None:
-        """Release one resource now; None is nothing."""
+        """Release one resource now; does nothing for None."""
         for index, owned in enumerate(self._owned):
             if owned is resource:
                 self._owned.pop(index).release()
@@ -76,7 +77,7 @@ class Owner:
 
 
 class Operation(Protocol):
-    """What is built once and run every frame."""
+    """An object that is built once and runs every frame."""
 
     @property
     def run(self) -> Callable[..., Any]: ...
@@ -85,7 +86,7 @@ class Operation(Protocol):
 
 
 class Pass(Operation, Protocol):
-    """One shader, or its twin: run(**pictures) draws and returns its target."""
+    """One shader, or its CPU function: run(**pictures) draws and returns its target."""
 
     @property
     def target(self) -> Light: ...
@@ -98,7 +99,7 @@ class Pass(Operation, Protocol):
 
 
 class StoredMap(Protocol):
-    """A row map on its device; several products may read it."""
+    """A row map on its device; several products may share it."""
 
     @property
     def output_shape(self) -> tuple[int, int]: ...
@@ -107,19 +108,19 @@ class StoredMap(Protocol):
     def source_shape(self) -> tuple[int, int]: ...
 
     def product(self, combine: str = "") -> Operation:
-        """run(source, base) -> Σ weights · source, combined with the base, which may be left out.
+        """Return an operation with run(source, base) -> Σ weights · source, combined with the optional base.
 
-        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP"; where maps weigh, T's last
-        part has "WEIGHED_RESIDUAL" as well, which makes the source of Tᵀ.
+        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP". If the maps weigh, the last
+            part of T also accepts "WEIGHED_RESIDUAL", which makes the source of Tᵀ.
         """
 
     def release(self) -> None: ...
 
 
 class StoredMaps(Protocol):
-    """A room's maps, each stored when first asked for.
+    """A room's maps, each stored on first use.
 
-    weighs : the maps of TᵀW take a residual that is weighed, w C ∘ (b − T p) (counterlight.maps.small_map).
+    weighs : whether the maps of TᵀW take a weighted residual, w C ∘ (b − T p) (counterlight.maps.small_map).
     """
 
     room: Room
@@ -132,7 +133,7 @@ class StoredMaps(Protocol):
 
 
 class ChainPass:
-    """target = base ± scatter · (mix ·) gather · source, of far or blurred light."""
+    """A chain of far or blurred light: target = base ± scatter · (mix ·) gather · source."""
 
     def __init__(self, stored: StoredMaps, maps: FarMaps | BlurredMaps, combine: str) -> None:
         *first, last = maps.parts
@@ -150,10 +151,10 @@ class ChainPass:
 
 
 class Planes(Operation, Protocol):
-    """The planes of one pixel format: run() -> linear picture, upright."""
+    """The planes of one pixel format: run() -> upright linear picture."""
 
     def adjust(self, adjustments: Adjustments) -> None:
-        """Take over brightness, contrast, gamma and saturation; radiance has no codes that they could change."""
+        """Apply brightness, contrast, gamma and saturation; they do not change radiance, which has no codes."""
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None: ...
 
@@ -162,19 +163,24 @@ class Adapter(Operation, Protocol):
     """run(placed picture) -> (s, o) of a frame (player/pipeline/content.py)."""
 
     def set(self, adapt: float, unit: float, black_level: float) -> None:
-        """adapt : percent of the light that may clip.  unit : share of white of a picture's 1."""
+        """Set the parameters of the adaptation.
+
+        adapt : percent of the light that may clip.
+        unit : share of white that a picture's 1 stands for.
+        black_level : share of white that black asks for.
+        """
 
     def advance(self, *, cut: bool, duration_s: float) -> None: ...
 
 
 class Device(Protocol):
-    """Whoever has something made here releases it; shapes are (height, width)."""
+    """Makes pictures and passes. The caller releases what a method made; shapes are (height, width)."""
 
     def picture(self, picture: NDArray[np.floating]) -> Light:
-        """(height, width, 3)."""
+        """Return a device picture of an array (height, width, 3)."""
 
     def write(self, light: Light, picture: NDArray[np.floating]) -> None:
-        """Replace what `picture` made."""
+        """Overwrite a picture made by `picture`."""
 
     def mask(self, mask: NDArray[np.bool_]) -> Light: ...
 
@@ -189,15 +195,18 @@ class Device(Protocol):
     def adapter(self, near_light: NearLight, ambient: Light, most: Light, white: float) -> Adapter: ...
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
-        """run(light, frame) -> 8 bit through the inverse response of each column."""
+        """Return an operation with run(light, frame) -> 8-bit codes through the inverse response of each column."""
 
     def stepper(self, shape: tuple[int, int], prior: Mapping[str, Light]) -> Operation:
-        """run(step, descent, y, p, step_size) -> the next p and y, valid until the step after the next."""
+        """Return an operation with run(step, descent, y, p, step_size) -> next p and y.
+
+        The results stay valid during the following step, and the step after that overwrites them.
+        """
 
     def total(self, shape: tuple[int, int]) -> Operation:
-        """run(picture) -> its sum, (3,) float64; waits for it."""
+        """Return an operation with run(picture) -> its sum, (3,) float64; run waits for the result."""
 
     def read(self, light: Light, dtype: type) -> NDArray[Any]:
-        """A picture's three channels, (height, width, 3); waits for it."""
+        """Return a picture's three channels, (height, width, 3); waits for the device."""
 
     def finish(self) -> None: ...

@@ -1,12 +1,12 @@
-"""What has changed in a room since its calibration, as far as it is undone frame by frame (docs/drift.md).
+"""Changes of a room since its calibration that are undone in every frame (docs/drift.md).
 
-A projector's picture has moved: its pixel x lights now where in the calibrated raster N x is, so that a drive
-p that is meant for the raster is shown as p(N x). Its light has changed, c = g T p + e', so that p(N x) / g is shown.
-Where its border went outwards, what is shown beyond the calibrated raster adds light that T knows nothing of: camera
-pixels there are asked for less, for their share.
+The projector's picture has moved: its pixel x now lights position N x of the calibrated raster. A drive p for the
+raster is therefore shown as p(N x). The light has changed to c = g T p + e', so p(N x) / g is shown. A picture that now
+reaches beyond the calibrated raster adds light that T does not describe. The targets of the affected camera pixels are
+reduced by that share.
 
-The folder drift/ of a calibration holds drift.toml, ambient.exr if the ambient light is another one, and share.exr if
-there are shares. It is of one state of calibration.toml, and of any maps that are built of that.
+The folder drift/ of a calibration holds drift.toml, ambient.exr if the ambient light has changed, and share.exr if
+there are shares. A drift belongs to one state of calibration.toml, and to any maps built from this state.
 """
 
 from dataclasses import dataclass
@@ -28,21 +28,23 @@ from counterlight.raster import Region
 from counterlight.writing.replacing import replacing_folder
 
 FOLDER, FILE, AMBIENT, SHARE, FORMAT = "drift", "drift.toml", "ambient.exr", "share.exr", 1
-FARTHEST = 0.5  # of a projector's longer side: how far a corner may have moved
+FARTHEST = 0.5  # in the projector's longer side: largest allowed move of a corner
 GAIN = 0.05, 20.0
-TAPS = 6  # pixels a side of which a moved one is made
-WHOLE, FADE = 1.0, 2.0  # pixels beside the calibrated raster that a moved picture goes on; over which it fades then
-MARGIN = int(WHOLE + FADE) + TAPS // 2  # pixels of the mirror
+TAPS = 6  # interpolation uses TAPS × TAPS pixels
+# pixels: how far a moved picture continues beyond the calibrated raster, and over which distance it then fades
+WHOLE, FADE = 1.0, 2.0
+MARGIN = int(WHOLE + FADE) + TAPS // 2  # mirrored pixels around the picture
 LEAST_SHARE = 0.05
 Light: TypeAlias = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
 class Moved:
-    """One projector's picture.
+    """The drift of one projector's picture.
 
-    to_raster : N, (3, 3), a position of the projector's pixels -> where in the calibrated raster its light falls now,
-    pixels from the upper left corner, homogeneous.  gain : (3,) g, of each channel's light.
+    to_raster : N, (3, 3). Maps a position in projector pixels to the position in the calibrated raster that it now
+        lights, homogeneous, in pixels from the upper left corner.
+    gain : g, (3,). Change of each channel's light.
     """
 
     to_raster: FloatArray
@@ -57,16 +59,16 @@ class Moved:
         return not (np.array_equal(self.to_raster, np.eye(3)) and np.array_equal(self.gain, np.ones(3)))
 
     def displacement(self, positions: FloatArray) -> FloatArray:
-        """How far the picture has moved at positions (n, 2) of the projector's pixels: (n, 2), right and down."""
+        """Return how far the picture has moved, (n, 2), right and down, at positions (n, 2) in projector pixels."""
         x, y, w = self.to_raster @ np.column_stack([positions, np.ones(len(positions))]).T
         return np.asarray(np.column_stack([x / w, y / w]) - positions)
 
     def at_corners(self, device: Device) -> FloatArray:
-        """The displacement in the middle and at the four corners, (5, 2)."""
+        """Return the displacement at the middle and the four corners, (5, 2)."""
         return self.displacement(_marks(device))
 
     def check(self, device: Device) -> None:
-        """InputError unless all of the picture is in front of the lens, unmirrored, and not too far away."""
+        """Raise InputError unless the whole picture is in front of the lens, unmirrored, and within FARTHEST."""
         ahead = np.column_stack([_marks(device), np.ones(5)]) @ self.to_raster[2]
         if not (ahead > 0).all() or np.linalg.det(self.to_raster[:2, :2]) <= 0:
             raise InputError("the homography turns the picture over")
@@ -77,11 +79,14 @@ class Moved:
 
 @dataclass(frozen=True)
 class Drift:
-    """All that has changed.
+    """All changes of a room since its calibration.
 
-    ambient : as a calibration's; None: as it was.  said : in words.  date : ISO 8601.
-    share : (camera height, camera width), LEAST_SHARE to 1, of the floodlight there is now what the calibrated raster
-    gave; None: all of it everywhere.
+    projectors : one entry per projector.
+    ambient : (camera height, camera width, 3). Current ambient light; None if unchanged.
+    said : description in words.
+    date : ISO 8601.
+    share : (camera height, camera width), LEAST_SHARE to 1. Share of the current floodlight that comes from the
+        calibrated raster; None for 1 everywhere.
     """
 
     projectors: tuple[Moved, ...]
@@ -92,21 +97,21 @@ class Drift:
 
     @property
     def moves(self) -> bool:
-        """Whether any picture is shown elsewhere, or otherwise bright."""
+        """Whether any picture has moved or changed its brightness."""
         return any(each.changes for each in self.projectors)
 
     @property
     def changes(self) -> bool:
-        """Whether anything is undone."""
+        """Whether there is anything to undo."""
         return self.moves or self.ambient is not None
 
     @property
     def dimming(self) -> float:
-        """The least gain of all channels: what is left of the light that a white picture can ask for."""
+        """Return the smallest gain of all channels: the factor by which the reachable white shrinks."""
         return float(min(each.gain.min() for each in self.projectors))
 
     def table(self, regions: tuple[Region, ...]) -> NDArray[np.float32]:
-        """For moved.frag: (projectors, 6, 3), rows of N, then (left, top, 0), (width, height, 0) and g."""
+        """Return (projectors, 6, 3) for moved.frag: the rows of N, then (left, top, 0), (width, height, 0) and g."""
         rows = [
             np.vstack([moved.to_raster, (*region[:2], 0), (*region[2:], 0), moved.gain])
             for moved, region in zip(self.projectors, regions, strict=True)
@@ -114,7 +119,7 @@ class Drift:
         return np.asarray(rows, np.float32)
 
     def landed(self, drive: Light, regions: tuple[Region, ...]) -> FloatArray:
-        """What arrives in the calibrated raster of what is shown, g p(N⁻¹ u): (height, width, 3)."""
+        """Return the light of a shown drive in the calibrated raster, g p(N⁻¹ u): (height, width, 3)."""
         arrived = np.zeros(drive.shape)
         for each, region in zip(self.projectors, regions, strict=True):
             part = region.part
@@ -122,11 +127,11 @@ class Drift:
         return arrived
 
     def shown(self, drive: Light, regions: tuple[Region, ...]) -> Light:
-        """A drive for the calibrated raster as it is to be shown; the same if nothing has moved."""
+        """Return the drive to show for a drive in the calibrated raster; unchanged if no picture has moved."""
         return moved(drive, self.table(regions)) if self.moves else drive
 
     def to_dict(self, devices: tuple[Device, ...]) -> dict[str, Any]:
-        """For JSON: how far each picture has moved in its middle, pixels, and what is left of its light."""
+        """Return values for JSON: the move of each picture's middle in pixels, and its mean gain."""
         shifts = [each.at_corners(device)[0] for each, device in zip(self.projectors, devices, strict=True)]
         return {
             "checked": self.date,
@@ -136,13 +141,13 @@ class Drift:
 
 
 def read_drift(stored: StoredCalibration) -> Drift | None:
-    """The drift kept with a calibration, None where there is none; InputError for what fits neither it nor any room."""
+    """Read the drift stored with a calibration, or None. Raises InputError if the file does not fit the calibration."""
     path = stored.folder / FOLDER / FILE
     return read_steadily(path, lambda: _read(stored, path) if path.exists() else None)
 
 
 def write_drift(stored: StoredCalibration, drift: Drift) -> None:
-    """Keep a drift, or that nothing has drifted; replaces what was kept before as a whole."""
+    """Write a drift, replacing the previous one as a whole. A drift without changes is also stored."""
     with replacing_folder(stored.folder / FOLDER, lambda _: stored.refuse_replaced()) as stage:
         if drift.ambient is not None:
             exr.write_rgb(stage / AMBIENT, drift.ambient)
@@ -152,7 +157,7 @@ def write_drift(stored: StoredCalibration, drift: Drift) -> None:
 
 
 def moved(drive: Light, projectors: Light) -> FloatArray:
-    """A drive (height, width, 3) as it is shown (moved.frag).  projectors : of `Drift.table`."""
+    """Return a drive (height, width, 3) as it is shown (moved.frag). `projectors` comes from `Drift.table`."""
     shown = np.zeros(drive.shape)
     for rows in np.asarray(projectors, np.float64):
         part = Region(*(int(value) for value in (*rows[3, :2], *rows[4, :2]))).part
@@ -161,10 +166,10 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
 
 
 def resampled(picture: Light, N: FloatArray, whole: float = -0.5, fade: float = 1.0) -> FloatArray:
-    """p(N x) of every pixel x, (height, width, channels), as much of it as its share that falls on the picture.
+    """Return p(N x) for every pixel x, (height, width, channels), weighted by the share of x that falls on the picture.
 
-    whole, fade : pixels whose centres fall on the picture, or less than `whole` pixels beside it, count whole; farther
-    out the less the farther, nothing `fade` pixels on.
+    whole : pixels up to this distance outside the picture count fully.
+    fade : distance in pixels over which the weight then falls to 0.
     """
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
@@ -174,7 +179,7 @@ def resampled(picture: Light, N: FloatArray, whole: float = -0.5, fade: float = 
 
 
 def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Where a homography takes the centres of pixels (height, width): (height, width, 2), and which it leaves ahead."""
+    """Return where a homography maps pixel centres, (height, width, 2), and whether each is in front of the lens."""
     y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
     u, v, w = np.einsum("ij,jyx->iyx", N, np.stack([x, y, np.ones_like(x)]))
     ahead = w > 0
@@ -183,13 +188,13 @@ def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArra
 
 
 def sampled(picture: Light, at: FloatArray) -> FloatArray:
-    """Between six by six pixels (Keys 1981), a mirror beyond the border: (n, 2) positions -> (n, channels)."""
+    """Interpolate a picture at positions (n, 2) -> (n, channels), from 6 × 6 pixels (Keys 1981), mirrored outside."""
     height, width = picture.shape[:2]
     mirrored = picture[_mirrored(height)][:, _mirrored(width)]
     flat, stride = mirrored.reshape(-1, picture.shape[2]), width + 2 * MARGIN
     first = np.floor(at - 0.5)
     across, down = (_keys(t)[..., None] for t in (at - 0.5 - first).T)
-    # Farther out than the margin is dark in what is shown, and of no weight in what is looked for.
+    # Positions beyond the margin are dark in a shown picture, and have no weight in an estimate.
     x, y = np.clip(first + MARGIN - 2, 0, (stride - TAPS, height + 2 * MARGIN - TAPS)).astype(np.int64).T
     corner, result = y * stride + x, np.zeros((len(at), picture.shape[2]))
     for i in range(TAPS):
@@ -201,7 +206,7 @@ def sampled(picture: Light, at: FloatArray) -> FloatArray:
 
 
 def _keys(t: FloatArray) -> FloatArray:
-    """Weights of the six pixels around a share t of the way between the inner two: (6, …).  Exact for cubics."""
+    """Return the weights of six neighbouring pixels at a share t between the inner two: (6, …). Exact for cubics."""
 
     def near(x: FloatArray) -> FloatArray:
         return (4 * x - 7) * x * x / 3 + 1
@@ -216,7 +221,7 @@ def _keys(t: FloatArray) -> FloatArray:
 
 
 def _mirrored(count: int) -> NDArray[np.int64]:
-    """Pixels of a line with its margins, around the outermost ones, which stay alone."""
+    """Return indices of a line with mirrored margins; the outermost pixels are not repeated."""
     last = count - 1
     return np.asarray(np.clip(last - np.abs(last - np.abs(np.arange(-MARGIN, count + MARGIN))), 0, last))
 
@@ -242,7 +247,7 @@ def _read(stored: StoredCalibration, path: Path) -> Drift:
 def _read_share(files: DescribedFiles, camera: Device) -> NDArray[np.float32]:
     share = exr.read_described(files, SHARE, camera.shape, "the camera")[..., 0]
     low, high = float(share.min()), float(share.max())
-    if not (low >= LEAST_SHARE and high <= 1):  # NaN is no number's equal
+    if not (low >= LEAST_SHARE and high <= 1):  # also refuses NaN
         raise InputError(
             f"{files.folder / SHARE}: shares from {low:g} to {high:g}, expected {LEAST_SHARE} to 1; {files.fix}"
         )
@@ -280,6 +285,6 @@ def _to_toml(stored: StoredCalibration, drift: Drift, files: dict[str, Any]) -> 
 
 
 def _marks(device: Device) -> FloatArray:
-    """The middle of the picture and its corners, (5, 2)."""
+    """Return the middle and the corners of the picture, (5, 2)."""
     width, height = device.width, device.height
     return np.array([(width / 2, height / 2), (0, 0), (width, 0), (width, height), (0, height)], np.float64)

@@ -1,4 +1,4 @@
-"""Light -> code values, in numpy: the twin of encode.frag, and what projectors are told beside the frames of a show."""
+"""Light to code values, in numpy: the CPU function of encode.frag, and the encoding of single drives."""
 
 from typing import Any
 
@@ -22,13 +22,18 @@ def encode(
     segments: FloatArray | None = None,
     bits: int = 8,
 ) -> NDArray[Any]:
-    """Linear light -> code values of so many bits (encode.frag), uint8 or uint16.
+    """Convert linear light to code values (encode.frag), uint8 for 8 bits, otherwise uint16.
 
-    inverse_response : (samples, 3) code values over √light 0..1, or (projectors, samples, 3) where they differ, and
-    of_column, (rows of projectors, width), says whose each column is, each row being row_height pixels high, 0 for all.
-    scale : light of a white pixel.  dither : "ordered", "noise" or "none".
-    colours : (projectors, 3, 3), what each shows of its own primaries for light of those that all share.
-    segments : (projectors, 2, samples, 3), as `WhiteSegment.tables`, light that is taken out of the primaries.
+    inverse_response : (samples, 3), or (projectors, samples, 3) if projectors differ. Code values over √light 0..1.
+    scale : light of a white pixel.
+    dither : "ordered", "noise" or "none".
+    frame : frame number; seeds the noise.
+    of_column : (rows of projectors, width). Index of the projector that each column belongs to.
+    row_height : height of a row of projectors in pixels; 0 for the whole picture.
+    colours : (projectors, 3, 3). From the shared primaries to each projector's own.
+    segments : (projectors, 2, samples, 3), from `WhiteSegment.tables`. White light that is subtracted from the
+        primaries.
+    bits : bits per code value.
     """
     height, width = light.shape[:2]
     tables = inverse_response.reshape(-1, *inverse_response.shape[-2:])
@@ -48,13 +53,13 @@ def encode(
 
 
 def _codes(root: FloatArray, table: FloatArray) -> FloatArray:
-    """Code values 0..1 over √light, (…, 3)."""
+    """Look up code values 0..1 for √light, (…, 3)."""
     grid = np.linspace(0, 1, len(table))
     return np.stack([np.interp(root[..., i], grid, table[:, i]) for i in range(3)], axis=-1)
 
 
 def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
-    """√p, (…, 3) -> √(p − s(m)), m the darkest level at which that is what is left."""
+    """Return √(p − s(m)) for √p, (…, 3). m is the level of the darkest primary after the subtraction."""
     grid = np.linspace(0, 1, tables.shape[1])
     each = [np.interp(root[..., i], grid, tables[0, :, i]) for i in range(3)]
     darkest = np.sqrt(np.min(each, axis=0))
@@ -63,7 +68,7 @@ def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
 
 
 def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uint8]:
-    """The code values of a raster's drive, without dithering."""
+    """Return the code values of a raster's drive, without dithering."""
     return encode(
         drive,
         response.inverse_tables(),
@@ -75,7 +80,7 @@ def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uin
 
 
 def bayer(height: int, width: int) -> NDArray[np.float64]:
-    """Thresholds of ordered dither, repeated every 8 pixels: (height, width, 1)."""
+    """Return thresholds of ordered dither, repeated every 8 pixels: (height, width, 1)."""
     y, x = np.mgrid[:height, :width]
     x ^= y
     rank = np.zeros((height, width), np.int64)
@@ -85,7 +90,7 @@ def bayer(height: int, width: int) -> NDArray[np.float64]:
 
 
 def _noise(height: int, width: int, frame: int) -> NDArray[np.float64]:
-    """Uniform thresholds from the PCG hash of pixel, channel and frame (Jarzynski and Olano 2020)."""
+    """Return uniform thresholds from the PCG hash of pixel, channel and frame (Jarzynski and Olano 2020)."""
     y, x = np.mgrid[:height, :width].astype(np.uint32)
     seed = _scramble(x + _scramble(y + _scramble(np.full((1, 1), frame & 0xFFFFFFFF, np.uint32))))
     noise = np.stack([_scramble(seed + np.uint32(i)) for i in range(3)], axis=-1)

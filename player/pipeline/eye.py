@@ -1,7 +1,7 @@
-"""What belongs to one camera of a room on a device: its maps, what a frame asks of it, and what it would see.
+"""One view of a room on a device: its maps, its targets, and its prediction of the camera picture.
 
-A usual room has one eye. A set of views has one a view (counterlight.viewpoints), of which a few have a share in a
-drive at a time (company.py).
+A usual room has one view. A set of views has several (counterlight.viewpoints); only some have a share in a drive at a
+time (company.py).
 """
 
 from functools import cached_property, partial
@@ -16,7 +16,12 @@ from counterlight.pipeline.room import Room
 
 
 class Eye:
-    """refiner : None without the maps of refinement.  request, views : what is asked for, and maps that are shown."""
+    """The maps and passes of one view.
+
+    refiner : None without the maps of refinement.
+    request : computes the targets.
+    views : draws the maps that can be shown.
+    """
 
     def __init__(self, device: Device, room: Room, path: str) -> None:
         self.room, self._owner = room, Owner()
@@ -43,13 +48,14 @@ class Eye:
 
     @cached_property
     def observers(self) -> list[Observer]:
-        """Of the drive that is shown, and of another one beside it; made with the first view of the camera's."""
+        """Two observers, for the shown drive and for a second drive, made when a camera view is first shown."""
         return [self._owner.own(self._make_observer()) for _ in range(2)]
 
     def guess(self, of: str, *, clamp: bool) -> "Guess":
-        """b -> a drive without steps, made when first asked for.
+        """Return a function from b to a drive without steps, made on first use.
 
-        of : "map", T⁺ b of the near light, or "direct", the camera pixel that each projector pixel lights most.
+        of : "map" for T⁺ b of the near light; "direct" for the camera pixel that each projector pixel lights most.
+        clamp : whether the drive is limited to 0..1.
         """
         if (of, clamp) not in self._guesses:
             self._guesses[of, clamp] = self._owner.own(Guess(self.stored, self.near_light, of, "CLAMP" * clamp))
@@ -60,7 +66,7 @@ class Eye:
 
 
 class Asked(NamedTuple):
-    """What one eye asks of a drive: b of the frame, and how much that counts, all shares of sum 1."""
+    """The target b of one view for a frame, and the view's share in the drive. All shares sum to 1."""
 
     share: float
     eye: Eye
@@ -68,7 +74,7 @@ class Asked(NamedTuple):
 
 
 class NearLight:
-    """b -> b without the far light of the compensated picture."""
+    """Removes the far light of the compensated picture from b."""
 
     def __init__(self, undo: ChainPass | None) -> None:
         self._undo = undo
@@ -78,9 +84,9 @@ class NearLight:
 
 
 class Guess:
-    """b -> a drive by one product; built when first called, for steps may start without.
+    """Maps b to a drive by one product. The product is built on the first call, because steps may start without it.
 
-    combine : "", or "CLAMP" to limit it to 0..1.
+    combine : "", or "CLAMP" to limit the drive to 0..1.
     """
 
     def __init__(self, stored: StoredMaps, near_light: NearLight, of: str, combine: str = "") -> None:

@@ -1,4 +1,4 @@
-"""A picture into its place in a target: fitted in two passes, or pinned by its corners in one."""
+"""Places a picture in a target: fitted in two passes, or pinned by its corners in one pass."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from counterlight.screen import Screen
 
 
 def on_cameras(picture: FloatArray, calibration: Calibration) -> FloatArray:
-    """A picture, (*calibration.placed_on, 3), as the camera is to see it: as it is, or where several look at it."""
+    """Return a picture (*calibration.placed_on, 3) in the camera's view, resampled if cameras share a screen."""
     screen = calibration.screen
     if screen is None:
         return picture
@@ -37,7 +37,7 @@ class Fitter:
 
 
 class Axes:
-    """Where a camera's pixels look on the screen of several, as pictures."""
+    """Pictures of the screen positions that a camera's pixels see, for a screen shared by several cameras."""
 
     def __init__(self, device: Device, screen: Screen) -> None:
         self.shape, self._owner = screen.shape, Owner()
@@ -49,7 +49,7 @@ class Axes:
 
 
 class Pinner:
-    """One pass through the projective map of the corners: of the target's own, or of the screen that it looks at."""
+    """One pass through the projective map of the corners. The corners refer to the target, or to a shared screen."""
 
     def __init__(self, device: Device, target: tuple[int, int], axes: Axes | None = None) -> None:
         self._placed_on = target if axes is None else axes.shape
@@ -58,11 +58,11 @@ class Pinner:
         self._pass = device.make_pass("pinned.frag", target, defines)
 
     def pin(self, corners: Corners, picture: tuple[int, int]) -> None:
-        """picture : (height, width), upright."""
+        """Set the corners. picture : (height, width), upright."""
         self._pass.set(to_source=tuple(homography(corners, self._placed_on, picture).T.ravel()))
 
     def fit(self, pixels: PixelFormat) -> None:
-        """As large as fits."""
+        """Fit the picture as large as possible, with its aspect kept."""
         self.pin(corners_of(place(pixels, self._placed_on), self._placed_on), shown_shape(pixels))
 
     def run(self, picture: Light) -> Light:

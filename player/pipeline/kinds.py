@@ -1,32 +1,32 @@
-"""What values options, settings and properties take: flags, numbers, choices, from words or from what JSON knows."""
+"""The kinds of values that options, settings and properties take: flags, numbers, choices; from text or from JSON."""
 
 import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-MANY = 1e6  # a bound that is no bound to those who read of it
+MANY = 1e6  # a bound this large counts as no bound in help texts
 
 
 class UnreadError(ValueError):
-    """What a kind expected and found; whoever reads puts the name of what it was meant for before it."""
+    """A value was refused. The message says what was expected and found; the caller prepends the parameter's name."""
 
 
 class Kind(Protocol):
-    """What values a parameter takes, in words by str()."""
+    """The values that a parameter takes; str() lists them."""
 
     def read(self, value: object) -> Any:
-        """The value as the parameter wants it; UnreadError, saying what was expected."""
+        """Return the value in the parameter's type; raises UnreadError with what was expected."""
 
     def next(self, value: Any, direction: int) -> Any:
-        """The value that `cycle` goes to, 1 up or -1 down."""
+        """Return the next value for the command `cycle`; direction is 1 (up) or -1 (down)."""
 
     def info(self) -> dict[str, Any]:
-        """For JSON, so that somebody far away can offer a control: `type`, and what belongs to it."""
+        """Return `type` and its details for JSON, so that a remote can offer a suitable control."""
 
 
 @dataclass(frozen=True)
 class Flag:
-    """True or false; "yes" and "no" in words."""
+    """True or false; "yes" and "no" as text."""
 
     def __str__(self) -> str:
         return "yes, no"
@@ -48,9 +48,11 @@ class Flag:
 
 @dataclass(frozen=True)
 class Number:
-    """A number between two bounds; whole numbers only if `whole`, and words beside numbers if there are any.
+    """A number between two bounds.
 
-    noun : what a refusal says that it is.
+    whole : only whole numbers are allowed.
+    words : words that are allowed besides numbers.
+    noun : name of the quantity in error messages.
     """
 
     low: float
@@ -86,7 +88,7 @@ class Number:
         return round(bounded) if self.whole else bounded
 
     def info(self) -> dict[str, Any]:
-        """`max` is null where there is no end; `choices` are words beside the numbers."""
+        """Return JSON values; `max` is null without an upper bound, and `choices` lists the allowed words."""
         return {
             "type": "integer" if self.whole else "number",
             "min": self.low,
@@ -122,9 +124,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Places:
-    """Places (x, y), or a word: "0.3" or "0.3,1", several with spaces between; for JSON 0.3, [0.3, 1], a list of such.
+    """Places (x, y), or a word. Text: "0.3" or "0.3,1", several separated by spaces. JSON: 0.3, [0.3, 1], or a list.
 
-    A number alone is x, beside y of 0.  high : of what a number may be, either side of 0.  most : places.
+    A single number is x; y is then 0.
+
+    word : the word that is allowed instead of places.
+    high : largest absolute value of x and y.
+    most : largest number of places.
     """
 
     word: str
@@ -139,7 +145,7 @@ class Places:
             return value
         try:
             places = tuple(_place(each) for each in _listed(value))
-            near = all(abs(number) <= self.high for place in places for number in place)  # NaN is not
+            near = all(abs(number) <= self.high for place in places for number in place)  # False for NaN
             if not near or not 1 <= len(places) <= self.most:
                 raise ValueError
         except (TypeError, ValueError, OverflowError):
@@ -154,7 +160,7 @@ class Places:
 
 
 def _listed(value: object) -> list[object]:
-    """Of several places, or of one."""
+    """Split a value into places; a single place becomes a list of one."""
     if isinstance(value, str):
         return list(value.split())
     if isinstance(value, list | tuple) and any(isinstance(each, list | tuple) for each in value):
@@ -163,7 +169,7 @@ def _listed(value: object) -> list[object]:
 
 
 def _place(value: object) -> tuple[float, float]:
-    """ValueError, or TypeError, for what is none."""
+    """Return (x, y); raises ValueError or TypeError for anything else."""
     numbers: Any = value.split(",") if isinstance(value, str) else value if isinstance(value, list | tuple) else [value]
     if any(isinstance(number, bool) for number in numbers):
         raise ValueError
@@ -175,7 +181,7 @@ def _place(value: object) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Anything:
-    """Whatever the parameter's own setter takes, said in words."""
+    """Any value; the parameter's own setter checks it. `words` describes the values."""
 
     words: str = ""
 

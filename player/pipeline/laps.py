@@ -1,4 +1,4 @@
-"""How long each stage of a frame takes: every lap waits for the device, so only some frames are timed."""
+"""Times the stages of a frame. Every lap waits for the device, so only some frames are timed."""
 
 import time
 from collections.abc import Callable
@@ -7,10 +7,14 @@ STAGES = ("linear", "place", "start", "steps", "view", "encode")
 
 
 class Laps:
-    """seconds : of each of STAGES that the frame timed last went through.
+    """Seconds per stage (STAGES) of the frame that was timed last.
 
-    linear : decoded to linear light.  place : into the camera's view, less ambient light.  start : T⁺ b, or another
-    start.  steps : of refinement, all together.  view : what else is seen.  encode : to 8 bit.
+    linear : decoding to linear light.
+    place : placing in the camera's view, and subtracting ambient light.
+    start : T⁺ b, or another start.
+    steps : all steps of refinement.
+    view : other passes for the shown view.
+    encode : encoding to 8 bit.
     """
 
     def __init__(self, finish: Callable[[], None]) -> None:
@@ -24,7 +28,7 @@ class Laps:
             self.seconds, self._since = {}, time.perf_counter()
 
     def end(self, stage: str) -> None:
-        """A stage is done."""
+        """Record the end of a stage."""
         if self._running:
             self._finish()
             now = time.perf_counter()

@@ -1,4 +1,4 @@
-"""From drives to what is shown: the camera's prediction, and the maps over and instead of it."""
+"""From drives to shown pictures: the predicted camera picture, and the maps drawn over it or instead of it."""
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -23,9 +23,9 @@ from counterlight.pipeline.views import (
 
 
 class Observer:
-    """What the camera sees of a drive, in screen primaries: e + B T p.
+    """Predicts the camera picture of a drive, in screen primaries: e + B T p.
 
-    far : with far light.
+    far : whether far light is included.
     """
 
     def __init__(self, stored: StoredMaps, ambient: Light, mixer: Mixer, *, far: bool = True) -> None:
@@ -44,7 +44,7 @@ class Observer:
         return self._seen.run(light=self.light(drive), base=self._ambient, **self._mixer.seen_rows)
 
     def light(self, drive: Light) -> Light:
-        """T p."""
+        """Return T p."""
         return self._light(drive, self._mixer.black)
 
     def _light(self, drive: Light, base: Light) -> Light:
@@ -58,9 +58,9 @@ class Observer:
 
 
 class MapViews:
-    """The views that are maps, and the map of what clips over others (views.py). Each is built when first asked.
+    """The views that are maps, and the map of clipping over other views (views.py). Each is built on first use.
 
-    stored, ambient, mixer : as an Observer has them.
+    stored, ambient, mixer : as in Observer.
     """
 
     def __init__(self, device: Device, stored: StoredMaps, ambient: Light, mixer: Mixer) -> None:
@@ -70,7 +70,7 @@ class MapViews:
 
     @cached_property
     def reach(self) -> Light:
-        """The brightest grey that each primary lets a pixel show, and in alpha whether it counts."""
+        """The brightest grey that each primary allows a pixel; alpha says whether the pixel counts."""
         observer, mixer = self._observer(), self._mixer
         if not mixer.mixes:
             return self._full_drive(observer, observer.run, self._ambient)
@@ -84,7 +84,7 @@ class MapViews:
 
     @cached_property
     def most(self) -> Light:
-        """(S + B P)·1, full drive without its far light, and in alpha whether a camera pixel counts."""
+        """(S + B P)·1, the light of full drive without far light; alpha says whether a camera pixel counts."""
         observer = Observer(self._stored, self._ambient, self._mixer, far=False)
         return self._full_drive(observer, observer.light, self._mixer.black)
 
@@ -100,7 +100,7 @@ class MapViews:
         unlimited: float | None = None,
         **rows: Light,
     ) -> Light:
-        """reach.frag of what `see` makes of full drive; `made`, which it belongs to, is released."""
+        """Run reach.frag on `see(full drive)`; then release `made`, the observer behind `see`."""
         temporary = Owner()
         try:
             temporary.own(made)
@@ -120,11 +120,11 @@ class MapViews:
         return self._impossible.run(reach=self.reach, colours=self._impossible_colours)
 
     def over_camera(self, view: Light, near_light: Light) -> Light:
-        """near_light : of what is asked for."""
+        """Draw clipping over a camera view. near_light : near light of the target."""
         return self._over_camera.run(view=view, asked=near_light, most=self.most)
 
     def over_projector(self, view: Light, product: Light) -> Light:
-        """product : T⁺ b, not clamped."""
+        """Draw clipping over the projector view. product : T⁺ b, not clamped."""
         return self._over_projector.run(view=view, asked=product)
 
     def release(self) -> None:

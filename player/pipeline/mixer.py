@@ -12,9 +12,10 @@ ROWS = "row_red", "row_green", "row_blue"
 
 
 class Mixer:
-    """Matrices of every camera pixel as pictures, each made when first asked for; none where channels do not mix.
+    """Mixing matrices of every camera pixel as pictures, each made on first use; none if channels do not mix.
 
-    defines, uniforms : what the shaders are told that ask by `rows`; uniforms where the light is limited.
+    defines : shader defines for passes that take `rows`.
+    uniforms : shader uniforms for passes that take `rows` and limit the light.
     """
 
     def __init__(self, device: Device, room: Room) -> None:
@@ -27,31 +28,31 @@ class Mixer:
 
     @cached_property
     def rows(self) -> dict[str, Light]:
-        """A, as a shader's inputs."""
+        """The matrices A as shader inputs."""
         return self._pictures(self._mixing.inverse)
 
     def asked(self, light: Light) -> Light:
-        """A light, valid until the next call."""
+        """Return A light; valid until the next call."""
         return self._asked.run(light=light, base=self.black, **self.rows) if self.mixes else light
 
     def seen(self) -> Pass:
-        """A pass of its own for B light + base: run(light, base, **seen_rows); the caller releases it."""
+        """Return a new pass for B light + base: run(light, base, **seen_rows). The caller releases it."""
         return self._device.make_pass("mix.frag", self._camera)
 
     @cached_property
     def seen_rows(self) -> dict[str, Light]:
-        """B, as inputs of a `seen`."""
+        """The matrices B as inputs of a `seen` pass."""
         return self._pictures(self._mixing.pixel)
 
     def on_screen(self, light: Light) -> Light:
-        """B light, what light of the transport is in screen primaries, valid until the next call."""
+        """Return B light, light of the transport in screen primaries; valid until the next call."""
         return self._on_screen.run(light=light, base=self.black, **self.seen_rows) if self.mixes else light
 
     def recolour(self, shape: tuple[int, int]) -> Pass | None:
-        """A pass from camera radiance to screen primaries, None where they are the same; the caller releases it."""
+        """Return a pass from camera radiance to screen primaries, or None if both are equal; the caller releases it."""
         if self._mixing.neutral is None:
             return None
-        matrix = self._mixing.to_screen.T.ravel().astype(np.float32)  # by columns, as OpenGL has them
+        matrix = self._mixing.to_screen.T.ravel().astype(np.float32)  # column by column, as OpenGL expects
         return self._device.make_pass("recolour.frag", shape, matrix=matrix)
 
     def release(self) -> None:
@@ -67,7 +68,7 @@ class Mixer:
 
     @cached_property
     def black(self) -> Light:
-        """No light, of the camera's size."""
+        """A black picture of the camera's size."""
         return self._owner.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
 
     @cached_property

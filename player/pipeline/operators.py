@@ -1,7 +1,7 @@
-"""Light as operators on pictures of three channels: sums and chains of parts, and what undoes them (DESIGN 6.7).
+"""Transport as operators on three-channel pictures: sums and chains of parts, and their compensation (DESIGN 6.7).
 
 A part has `apply` and `apply_transpose`. T = S + B P + U M D is the sum of near light, a chain of gather and scatter,
-and one of gather, mix and scatter; T⁺ takes the far light of the compensated picture out before it inverts the near
+and a chain of gather, mix and scatter. T⁺ removes the far light of the compensated picture before it inverts the near
 light.
 """
 
@@ -21,7 +21,7 @@ Light = NDArray[np.floating]
 
 
 class Operator(Protocol):
-    """A matrix for each channel."""
+    """A matrix per channel."""
 
     def apply(self, picture: Light) -> FloatArray: ...
     def apply_transpose(self, picture: Light) -> FloatArray: ...
@@ -29,7 +29,7 @@ class Operator(Protocol):
 
 @dataclass(frozen=True)
 class Chain:
-    """Parts one after the other: D, M, U for U M D."""
+    """Parts applied in order: D, M, U for U M D."""
 
     parts: Sequence[Operator]
 
@@ -43,7 +43,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class Sum:
-    """Parts beside each other, one or more: S, B P and U M D for T."""
+    """The sum of one or more parts: S, B P and U M D for T."""
 
     parts: Sequence[Operator]
 
@@ -62,7 +62,7 @@ class Compensation:
     undo: Operator | None
 
     def near_light(self, b: Light) -> FloatArray:
-        """b without the far light of the compensated picture."""
+        """Return b without the far light of the compensated picture."""
         return np.asarray(b if self.undo is None else b - self.undo.apply(b), np.float64)
 
     def apply(self, b: Light) -> FloatArray:
@@ -74,17 +74,17 @@ class Compensation:
 
 
 def chained(maps: FarMaps | BlurredMaps | None) -> Chain | None:
-    """U M D or B P of packed maps."""
+    """Return U M D or B P of packed maps, or None."""
     return None if maps is None else Chain([PreparedRows(part) for part in maps.parts])
 
 
 def compensation(maps: RoomMaps) -> Compensation:
-    """T⁺ of packed maps."""
+    """Return T⁺ of packed maps."""
     return Compensation(PreparedRows(maps.correction), chained(maps.undo))
 
 
 def drive_of(maps: RoomMaps, b: Light) -> FloatArray:
-    """T⁺ b as the player takes it, not clamped; b within what each camera pixel can have, where the maps bound it."""
+    """Return T⁺ b as the player computes it, not clamped. `maps.bounded` limits b to what each pixel can have."""
     if not maps.bounded:
         return compensation(maps).apply(b)
     parts: list[Operator] = [PreparedRows(maps.transport)]

@@ -1,6 +1,6 @@
-"""What can be set of a show, each once: its name, what it takes, what it is unless somebody says, and what it means.
+"""The table of all parameters of a show: name, allowed values, default and help text.
 
-A row is an option of counterlight play and a setting, a property of the control socket, and a line of docs/player.md.
+Each row is an option of counterlight play, a setting, a property of the control socket, and a line of docs/player.md.
 """
 
 from dataclasses import dataclass
@@ -15,9 +15,14 @@ from counterlight.viewpoints import FARTHEST, MOST_VIEWS
 
 @dataclass(frozen=True)
 class Parameter:
-    """default : None where it depends on the media or the room; `unsaid` then says how.
+    """One parameter.
 
-    value : what --help calls it.  unit : said after it on the screen.
+    help : help text.
+    kind : the values that it takes.
+    default : None if it depends on the media or the room; `unsaid` then describes it.
+    value : placeholder in --help.
+    unit : unit shown after the value on the screen.
+    unsaid : the default in words.
     """
 
     help: str
@@ -28,7 +33,7 @@ class Parameter:
     unsaid: str = ""
 
 
-LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
+LISTED_IMAGE_S = 5.0  # seconds that a picture in a list is shown by default
 LUT_TYPES = ("native", "conversion")
 TONE_MAPPINGS = ("bt.2390", "clip")
 OSD = ("auto", "off", "on", "notices")

@@ -1,4 +1,4 @@
-"""The passes of a frame that depend on the medium's format, so that the next medium's can be made before its turn."""
+"""The passes of a frame that depend on the medium's format. The next medium's passes can be made in advance."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -12,11 +12,12 @@ from counterlight.pipeline.room import Room
 
 
 class Placed:
-    """Places the decoded pictures of one format in one camera's view, and as they fit the projector.
+    """Places decoded pictures of one format in one camera's view, and on the projector.
 
-    axes : of a screen that several cameras look at; None for one camera.
-    targets : (height, width) of the camera's picture and of the projector's.
-    radiance : whether the pictures are the camera's radiance.  unit : share of white of a picture's 1.
+    axes : screen positions of a screen shared by several cameras; None for one camera.
+    targets : (height, width) of the camera's picture, and of the projector's.
+    radiance : whether the pictures are camera radiance.
+    unit : share of white that a picture's 1 stands for.
     """
 
     def __init__(self, device: Device, room: Room, mixer: Mixer, axes: Axes | None, pixels: PixelFormat) -> None:
@@ -36,9 +37,9 @@ class Placed:
         self.pin(None)
 
     def pin(self, corners: Corners | None) -> None:
-        """Have the picture's corners there; None: as large as fits.
+        """Pin the picture to these corners; None fits it as large as possible.
 
-        Radiance of several cameras stays as it is: the screen of several has no corners of one camera's picture.
+        Radiance of several cameras is not pinned: corners on the shared screen do not apply to one camera's picture.
         """
         self.pinned = corners is not None and not (self.radiance and self._axes is not None)
         self._placing: Fitter | Pinner = self._fitter
@@ -47,22 +48,22 @@ class Placed:
             self._placing = self._pinner
 
     def in_view(self, picture: Light) -> Light:
-        """In the camera's view, valid until the next call."""
+        """Return the picture in the camera's view; valid until the next call."""
         return self._placing.run(self._on_screen(picture))
 
     def on_projector(self, picture: Light) -> Light:
-        """As the picture fits the projector, valid until the next call."""
+        """Return the picture fitted to the projector; valid until the next call."""
         return self._plain_fitter.run(self._on_screen(picture))
 
     def release(self) -> None:
         self._owner.release()
 
     def _on_screen(self, picture: Light) -> Light:
-        """A decoded picture in screen primaries; only radiance is in others."""
+        """Return a decoded picture in screen primaries; only radiance needs a conversion."""
         return picture if self._recolour is None else self._recolour.run(picture=picture)
 
     def _make_fitter(self) -> Fitter | Pinner:
-        """Into the camera's view, or onto the screen of several; radiance is the camera's, pixel by pixel."""
+        """Return a fitter into the camera's view, or onto a shared screen. Radiance maps to camera pixels directly."""
         if self._axes is None or self.radiance:
             return Fitter(self._device, self._pixels, self.targets[0])
         fitter = Pinner(self._device, self.targets[0], self._axes)
@@ -75,18 +76,18 @@ class Placed:
 
 
 class Two(NamedTuple):
-    """Decoded pictures of two media, one of which fades into the other."""
+    """Decoded pictures of two media during a crossfade."""
 
     now: Light
     before: Light
 
 
 class Crossfade:
-    """Stands for the Placed of a medium while another fades out: (1 − weight) now + weight before, in linear light.
+    """Replaces a medium's Placed during a crossfade: (1 − weight) now + weight before, in linear light.
 
-    Blends the desired pictures, before anything is compensated: the compensation of their sum is not a sum.
+    The desired pictures are blended before compensation, because compensation of a sum is not a sum of compensations.
 
-    weight : of the medium before, 1 at first.
+    weight : weight of the previous medium, 1 at first.
     """
 
     def __init__(self, device: Device, now: Placed, before: Placed) -> None:

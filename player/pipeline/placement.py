@@ -1,7 +1,7 @@
-"""Where a picture stands in the camera's (or the projector's) view: fitted, its aspect kept, or pinned by its corners.
+"""Placement of a picture in the view of a camera or projector: fitted with its aspect kept, or pinned by its corners.
 
-Pinned, a pixel centre (x, y) of the target shows the picture at H (x, y, 1), H the projective map that takes the four
-corners to those of the picture; see pinned() in player/pipeline/reference.py for the filter.
+If pinned, a pixel centre (x, y) of the target shows the picture at H (x, y, 1). The projective map H takes the four
+corners to the picture's corners; pinned() in player/pipeline/reference.py describes the filter.
 """
 
 import os
@@ -20,10 +20,11 @@ from counterlight.media.frames import PixelFormat
 from counterlight.writing.replacing import remove_file, replacing_file
 
 Corner: TypeAlias = tuple[float, float]
-Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]  # clockwise from the picture's upper left, in shares
+# clockwise from the picture's upper left, in shares of the view
+Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]
 FILE, FORMAT = "placement.toml", 1
-FARTHEST = 2.0  # a corner may lie this many views outside
-SMALLEST_TURN = 1e-4  # twice the area of a triangle of corners, in views
+FARTHEST = 2.0  # in views: how far outside the view a corner may lie
+SMALLEST_TURN = 1e-4  # in square views: smallest cross product of two adjacent sides
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Placement:
 
 
 def fit(shape: tuple[int, int], pixel_aspect: float, target: tuple[int, int]) -> Placement:
-    """The largest placement of a picture (height, width) that keeps its aspect inside a target (height, width).
+    """Return the largest placement of a picture (height, width) inside a target (height, width) with its aspect kept.
 
     pixel_aspect : width of one picture pixel over its height; target pixels are square.
     """
@@ -49,26 +50,26 @@ def fit(shape: tuple[int, int], pixel_aspect: float, target: tuple[int, int]) ->
 
 
 def shown_shape(pixels: PixelFormat) -> tuple[int, int]:
-    """(height, width) of the picture once it is turned upright."""
+    """Return (height, width) of the upright picture."""
     turned = pixels.rotation % 180 == 90
     return (pixels.width, pixels.height) if turned else (pixels.height, pixels.width)
 
 
 def place(pixels: PixelFormat, target: tuple[int, int]) -> Placement:
-    """Where the upright picture stands in a target (height, width)."""
+    """Return where the upright picture is fitted in a target (height, width)."""
     aspect = pixels.pixel_aspect
     return fit(shown_shape(pixels), 1 / aspect if pixels.rotation % 180 == 90 else aspect, target)
 
 
 def corners_of(placement: Placement, target: tuple[int, int]) -> Corners:
-    """The corners of a placement in a target (height, width): where pinning starts."""
+    """Return the corners of a placement in a target (height, width); pinning starts from them."""
     left, right = placement.left / target[1], (placement.left + placement.width) / target[1]
     top, bottom = placement.top / target[0], (placement.top + placement.height) / target[0]
     return (left, top), (right, top), (right, bottom), (left, bottom)
 
 
 def check_corners(corners: Corners) -> None:
-    """InputError unless the four corners make a convex quadrilateral, mirrored or not, near the view."""
+    """Raise InputError unless the corners form a convex quadrilateral near the view; it may be mirrored."""
     points = np.asarray(corners, np.float64)
     if points.shape != (4, 2) or not np.all(np.abs(points - 0.5) <= FARTHEST + 0.5):
         raise InputError(
@@ -85,9 +86,11 @@ def check_corners(corners: Corners) -> None:
 
 
 def homography(corners: Corners, target: tuple[int, int], picture: tuple[int, int]) -> NDArray[np.float64]:
-    """H with picture position ~ H (x, y, 1) of a target position, both in pixels from the upper left; (3, 3).
+    """Return H, (3, 3), with picture position ~ H (x, y, 1) for a target position, both in pixels from the upper left.
 
-    target, picture : (height, width). The third component is positive inside the corners.
+    target, picture : (height, width).
+
+    The third component is positive inside the corners.
     """
     x, y = (np.asarray(corners, np.float64) * (target[1], target[0])).T
     height, width = picture
@@ -105,7 +108,7 @@ def homography(corners: Corners, target: tuple[int, int], picture: tuple[int, in
 
 
 def read_placement(folder: Path) -> Corners | None:
-    """The corners kept beside a calibration; None where none were kept."""
+    """Read the corners stored with a calibration; None if there are none."""
     path, fix = folder / FILE, "place the picture again, or remove the file"
     if not os.path.exists(path):
         return None
@@ -120,7 +123,7 @@ def read_placement(folder: Path) -> Corners | None:
 
 
 def write_placement(folder: Path, corners: Corners | None) -> Path:
-    """Keep the corners beside a calibration; None, fitting, removes what was kept. Returns the file's path."""
+    """Write the corners next to a calibration, or remove the file for None. Returns the file's path."""
     path = folder / FILE
     if corners is None:
         remove_file(path)

@@ -1,10 +1,11 @@
-"""The CPU twin of every shader pass, in numpy: what the GPU and the compiled passes are checked against.
+"""The CPU function of every shader pass, in numpy: tests compare the GPU and the compiled passes with these functions.
 
-Each function names its shader. Pictures are (row, column, channel), linear, row 0 at the top; sums are in float64 where
-it costs little, so that the twin is the more exact of the two.
+Each function names its shader. Pictures are (row, column, channel), linear, row 0 at the top. Sums are in float64 where
+this costs little, so that the CPU function is the more exact version.
 
-tone : (s, o), see content.py; adaptation.py has the twins of the passes that find it.  reach : (camera height, camera
-width, 4), the radiance of full drive, and 1 where a pixel is inside the mask and lit in every channel, 0 elsewhere.
+tone : (s, o), see content.py; adaptation.py computes it.
+reach : (camera height, camera width, 4). Radiance of full drive; the fourth channel is 1 if a pixel is inside the mask
+    and lit in every channel, else 0.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,8 +34,8 @@ from counterlight.pipeline.views import (
 )
 
 FloatArray = NDArray[np.floating]
-TINY = 1e-12  # pixels: a width that may be divided by
-MOST_TAPS = 32  # along an axis; a filter that is wider takes every second sample, or every third …
+TINY = 1e-12  # pixels: smallest width to divide by
+MOST_TAPS = 32  # along an axis; a wider filter takes every second or third sample, and so on
 
 
 class PreparedRows:
@@ -48,22 +49,23 @@ class PreparedRows:
         self._shape, self._source_shape = packed.output_shape, packed.source_shape
 
     def apply(self, source: FloatArray) -> NDArray[np.float64]:
-        """source : (source height, source width, 3).  Returns (output height, output width, 3)."""
+        """Multiply. source : (source height, source width, 3). Returns (output height, output width, 3)."""
         if source.shape[:2] != self._source_shape:
             raise ValueError(f"source of shape {source.shape[:2]}, the row map reads {self._source_shape}")
         return self._rows.apply(source.reshape(-1, 3)).reshape(*self._shape, 3)
 
     def apply_transpose(self, picture: FloatArray) -> NDArray[np.float64]:
-        """From a picture of the output's shape to one of the source's."""
+        """Multiply a picture of the output's shape by the transpose; returns a picture of the source's shape."""
         return self._rows.apply_transpose(picture.reshape(-1, 3)).reshape(*self._source_shape, 3)
 
 
 def planes_to_linear(
     planes: Sequence[NDArray[np.generic]], pixels: PixelFormat, signal: Signal | None
 ) -> NDArray[np.float64]:
-    """Decoded planes -> linear RGB, upright (planes_to_linear.frag).
+    """Convert decoded planes to linear RGB, upright (planes_to_linear.frag).
 
-    planes : three (rows, stride).  signal : None for linear radiance.
+    planes : three (rows, stride) arrays.
+    signal : None for linear radiance.
     """
     first, *others = (
         plane[: shape.height, : shape.width].astype(np.float64)
@@ -83,9 +85,9 @@ def planes_to_linear(
 
 
 def tetrahedral(cube: Cube, codes: FloatArray) -> NDArray[np.float64]:
-    """What codes (…, 3) become by a table: linear within six tetrahedra around each cell's grey diagonal.
+    """Apply a lookup table to codes (…, 3), by linear interpolation in six tetrahedra around each cell's grey diagonal.
 
-    From the cell's darkest corner along the axis of the largest share, then of the next, to the brightest one.
+    The path leads from the cell's darkest corner along the axes, largest share first, to the brightest corner.
     """
     last = len(cube.table) - 1
     position = last * np.clip((codes - cube.low) / (cube.high - cube.low), 0, 1)
@@ -105,14 +107,20 @@ def _sample(cube: Cube, corner: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def resample(picture: FloatArray, target: tuple[int, int], placement: tuple[int, int, int, int]) -> FloatArray:
-    """Place a picture in a black target (height, width). Placement: left, top, width, height (resample.frag, twice)."""
+    """Place a picture in a black target (height, width) (resample.frag, twice).
+
+    placement : left, top, width, height.
+    """
     left, top, width, height = placement
     across = resample_axis(picture, 1, target[1], left, width)
     return resample_axis(across, 0, target[0], top, height)
 
 
 def resample_axis(picture: FloatArray, axis: int, length: int, origin: float, extent: float) -> FloatArray:
-    """Tent-filter a picture along one axis into `length` target pixels, of which it covers origin … origin + extent."""
+    """Resample a picture along one axis to `length` target pixels, with a tent filter.
+
+    origin, extent : the picture covers origin … origin + extent of the target.
+    """
     count = picture.shape[axis]
     scale = count / extent
     centre = (np.arange(length) + 0.5 - origin) * scale
@@ -131,13 +139,15 @@ def pinned(
     across: FloatArray | None = None,
     down: FloatArray | None = None,
 ) -> FloatArray:
-    """Place a picture by a projective map, black around it (pinned.frag).
+    """Place a picture by a projective map, with black around it (pinned.frag).
 
-    H : target position -> picture position, in pixels (counterlight.pipeline.placement.homography).
-    across, down : where the target's pixels look on a screen, whose positions H then maps (counterlight.screen.axes).
-    A tent along each axis of the picture, as wide as a target pixel is there: its half width is √(∂x² + ∂y²) of the
-    map's derivatives and at least one pixel, so that an upright placement is filtered as by resample. Edges are covered
-    by the part of a pixel that lies inside, from its distance to the edge.
+    H : (3, 3). Target position -> picture position, in pixels (counterlight.pipeline.placement.homography).
+    across, down : screen positions of the target's pixels, which H then maps (counterlight.screen.axes); None without a
+        screen.
+
+    The filter is a tent along each axis of the picture, as wide as a target pixel appears there. Its half width is
+    √(∂x² + ∂y²) of the map's derivatives, at least one pixel, so an upright placement matches `resample`. An edge pixel
+    is weighted by its covered part, estimated from the distance to the edge.
     """
     y, x = np.mgrid[: target[0], : target[1]] + 0.5
     slopes = np.broadcast_to(np.eye(2)[:, :, None, None], (2, 2, *target))
@@ -172,7 +182,7 @@ def pinned(
 
 
 def _taps(centre: FloatArray, radius: FloatArray, count: int) -> Iterator[tuple[NDArray[np.int64], FloatArray]]:
-    """The first tap of every filter along an axis and its weight, then the second, …; weight 0 where there is none."""
+    """Yield every filter's first tap with its weight, then the second, and so on; past a filter's end, weight 0."""
     step = np.maximum(np.ceil(2 * radius / MOST_TAPS), 1)
     tap = np.maximum(np.ceil(centre - radius - 0.5), 0)
     last = np.minimum(np.floor(centre + radius - 0.5), count - 1)
@@ -197,13 +207,16 @@ def desired_light(
     row_blue: FloatArray | None = None,
     squares: FloatArray | None = None,
 ) -> FloatArray:
-    """What the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
+    """Return the light that the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
 
-    u = k + (1 − k) unit · picture.  unit : share of white of a picture's 1.  black_level : k, what black asks for.
-    row_red, row_green, row_blue : rows of a matrix for each pixel, that b is taken through.
-    full : T·1; no pixel is then asked for what it cannot have by itself, lest its neighbours try in vain.
-    squares : (9,), with rows and `full`: the camera sees what is asked then nearest to what was (maps/mixing.py).
-    clamp : limit the result to 0..1, as of a picture that goes to the projector.
+    With u = k + (1 − k) unit · picture.
+
+    unit : share of white that a picture's 1 stands for.
+    black_level : k, share of white that black asks for.
+    full : T·1. Limits each pixel to its own range; otherwise its neighbours would try to help in vain.
+    clamp : limit the result to 0..1, for a picture that is sent to the projector.
+    row_red, row_green, row_blue : rows of a matrix per pixel, applied to b.
+    squares : (9,). With rows and `full`, choose the light that the camera sees nearest to the target (maps/mixing.py).
     """
     scale, offset = np.ravel(tone)[:2]
     u = black_level + (1 - black_level) * (unit * picture)
@@ -221,23 +234,23 @@ def desired_light(
 def mix(
     light: FloatArray, base: FloatArray, row_red: FloatArray, row_green: FloatArray, row_blue: FloatArray
 ) -> FloatArray:
-    """A matrix for each pixel times its light, and a picture added (mix.frag)."""
+    """Multiply the light by a matrix per pixel, and add a picture (mix.frag)."""
     return mixed(np.stack([row_red, row_green, row_blue], axis=-2), light) + base
 
 
 def recolour(picture: FloatArray, matrix: FloatArray) -> FloatArray:
-    """One matrix times the light of all pixels (recolour.frag).  matrix : (9,), by columns."""
+    """Multiply the light of all pixels by one matrix (recolour.frag). matrix : (9,), by columns."""
     return np.asarray(picture @ matrix.reshape(3, 3))
 
 
 def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool = False) -> FloatArray:
-    """One picture plus a multiple of another, limited to 0..1 if `clamp` (combine.frag)."""
+    """Return one picture plus a multiple of another, limited to 0..1 if `clamp` (combine.frag)."""
     result = first + factor * second
     return np.clip(result, 0, 1) if clamp else result
 
 
 def pull(p: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray) -> FloatArray:
-    """P p of a prior (player/maps/prior.py): η p + Σ ω (p − neighbour's)."""
+    """Return P p of a prior (player/maps/prior.py): η p + Σ ω (p − neighbour's)."""
     across, along = right[:, :-1] * np.diff(p, axis=1), down[:-1] * np.diff(p, axis=0)
     result = np.asarray(damping * p)
     result[:, :-1] -= across
@@ -248,7 +261,7 @@ def pull(p: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray
 
 
 def against_gradient(descent: FloatArray, y: FloatArray, **prior: FloatArray) -> FloatArray:
-    """TᵀW(b − T y) − P y (refinement_step.frag with SLOPE)."""
+    """Return TᵀW(b − T y) − P y (refinement_step.frag with SLOPE)."""
     return descent - pull(y, **prior)
 
 
@@ -261,9 +274,10 @@ def refinement_step(
     momentum: float,
     over_relaxation: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """One accelerated projected gradient step from y, TᵀW(b − T y) given; the next p and y (refinement_step.frag).
+    """Return the next p and y of one accelerated projected gradient step from y (refinement_step.frag).
 
-    A pixel whose step size is 0 stays dark.
+    descent : TᵀW(b − T y).
+    step_size : pixels with step size 0 stay dark.
     """
     slope = against_gradient(descent, y, **vars(prior))
     q = np.where(step_size > 0, np.clip(y + step_size * slope, 0, 1), 0)
@@ -271,23 +285,23 @@ def refinement_step(
 
 
 def gap_terms(descent: FloatArray, p: FloatArray) -> FloatArray:
-    """Each pixel's share of the gap, max(g p, g (p − 1)), of the gradient g = −descent (gap.frag)."""
+    """Return each pixel's share of the gap, max(g p, g (p − 1)), with the gradient g = −descent (gap.frag)."""
     return np.maximum(-descent * p, descent * (1 - p))
 
 
 def weighted(picture: FloatArray, weights: FloatArray, *, squared: bool = False) -> FloatArray:
-    """weights · picture, or of its square (weighted.frag)."""
+    """Return weights · picture, or weights · picture² (weighted.frag)."""
     return np.asarray((picture**2 if squared else picture) * weights)
 
 
 def block_sum(picture: FloatArray, side: int) -> FloatArray:
-    """The sum of each block of side × side pixels, smaller at the right and lower edge (block_sum.frag)."""
+    """Sum blocks of side × side pixels; blocks at the right and lower edge may be smaller (block_sum.frag)."""
     rows, columns = (np.arange(0, length, side) for length in picture.shape[:2])
     return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
 
 
 def split(left: FloatArray, right: FloatArray, line: float) -> FloatArray:
-    """The left half of one picture, the right half of the other, a line of light `line` between (split.frag)."""
+    """Return the left half of one picture and the right half of another, with a line of light between (split.frag)."""
     middle = left.shape[1] // 2
     result = np.concatenate([left[:, :middle], right[:, middle:]], axis=1)
     result[:, middle] = line
@@ -304,10 +318,11 @@ def reach_of(
     *,
     above: bool = False,
 ) -> FloatArray:
-    """The brightest grey that each primary lets a pixel show, and which pixels count (reach.frag).
+    """Return the brightest grey that each primary allows a pixel, and which pixels count (reach.frag).
 
-    seen : what full drive gives; with the rows of a matrix for each pixel, without ambient light.
-    above : what full drive adds instead.
+    seen : camera picture of full drive; with matrix rows, without ambient light.
+    row_red, row_green, row_blue : rows of a matrix per pixel.
+    above : return only the light above ambient.
     """
     if row_red is None or row_green is None or row_blue is None:
         return counted(seen - ambient if above else seen, mask & np.all(seen > ambient, axis=2))
@@ -316,14 +331,14 @@ def reach_of(
 
 
 def counted(reach: FloatArray, lit: NDArray[np.bool_]) -> FloatArray:
-    """The greys of `reach_of`, and 1 where a pixel counts."""
+    """Append a channel to the greys of `reach_of`: 1 for pixels that count."""
     return np.concatenate([reach, lit[..., None]], axis=2)
 
 
 def error_map(
     seen: FloatArray, ambient: FloatArray, b: FloatArray, reach: FloatArray, white: float
 ) -> NDArray[np.float64]:
-    """What the camera sees less what was asked, of the channel that is furthest off, as colours (error_map.frag)."""
+    """Colour the difference between predicted picture and target, of the worst channel (error_map.frag)."""
     error = (seen - ambient - b) / white
     rows, columns = np.indices(error.shape[:2])
     worst = error[rows, columns, np.argmax(np.abs(error), axis=2)]
@@ -335,22 +350,22 @@ def error_map(
 
 
 def impossible(reach: FloatArray, white: float) -> NDArray[np.float64]:
-    """The colour of what a camera pixel cannot be asked for (impossible.frag); classes as in views.py."""
+    """Colour camera pixels by what they cannot show (impossible.frag); the classes are in views.py."""
     short = np.stack(shortfalls(reach, white))
     return np.asarray(white * IMPOSSIBLE[np.where(short.any(axis=0), 1 + short.argmax(axis=0), 0)])
 
 
 def shortfalls(reach: FloatArray, white: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Camera pixels that do not count, cannot reach mid grey, cannot reach white: (camera height, camera width)."""
+    """Return pixels that do not count, cannot reach mid grey, or cannot reach white: (height, width) each."""
     least, lit = reach[..., :3].min(axis=2) * (1 + SLACK), reach[..., 3] > 0
     return ~lit, lit & (least < MID_GREY * white), lit & (least < white)
 
 
 def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | None, white: float) -> NDArray[np.float64]:
-    """Colour what is asked for below 0 or above `most`, by how far, of the worst channel (clipping.frag).
+    """Colour targets below 0 or above `most`, by the excess of the worst channel (clipping.frag).
 
-    most : as a reach; None for 1 where everything counts.
-    white : light of the colours, and what amounts are shares of.
+    most : (height, width, 4), as `reach`; None for a limit of 1, with every pixel counted.
+    white : light of the colours; excess is measured in shares of white.
     """
     most = np.ones(4) if most is None else most
     over = np.max(asked - most[..., :3], axis=2, keepdims=True) / white
@@ -362,7 +377,7 @@ def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | None, white
 
 
 def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> NDArray[np.float64]:
-    """Chroma at every luma pixel, bilinear between samples, clamped at the borders."""
+    """Interpolate chroma at every luma pixel, bilinear, clamped at the borders."""
     result = np.asarray(plane, np.float64)
     for axis in (0, 1):
         position = np.arange(size[axis]) / decoding.subsampling[1 - axis] + decoding.chroma_offset[1 - axis]
@@ -376,10 +391,10 @@ def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> N
 
 
 def blend(now: FloatArray, before: FloatArray, weight: float, gain: float = 1.0) -> FloatArray:
-    """(1 − weight) now + weight gain before (blend.frag)."""
+    """Return (1 − weight) now + weight · gain · before (blend.frag)."""
     return np.asarray((1 - weight) * now + weight * gain * before)
 
 
 def inverse(picture: FloatArray) -> FloatArray:
-    """1 / picture, 0 where that is 0 (inverse.frag)."""
+    """Return 1 / picture, or 0 where the picture is 0 (inverse.frag)."""
     return np.divide(1.0, picture, out=np.zeros_like(picture), where=picture > 0)

@@ -1,4 +1,4 @@
-"""The pipeline of renderer.py over the twins of the shaders, in numpy: what both backends are held to."""
+"""The pipeline of renderer.py over numpy functions: tests compare both backends with it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -26,7 +26,7 @@ from counterlight.response import RasterResponse
 FloatArray = NDArray[np.floating]
 NO_TONE = np.array([1.0, 0.0])
 PERCENT = 0.01
-# With what shaders are told as uniforms and textures; colours and thresholds the twins take from views.py themselves.
+# Arguments are named as the shaders' uniforms and textures. Colours and thresholds come from views.py.
 TWINS: dict[str, Callable[..., FloatArray]] = {
     "blend.frag": reference.blend,
     "block_sum.frag": lambda source, side, target: reference.block_sum(source, side)[: target[0], : target[1]],
@@ -44,16 +44,16 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     ),
     "reach.frag": lambda unlimited=None, **inputs: reference.reach_of(**inputs),
     "recolour.frag": reference.recolour,
-    "refinement_step.frag": reference.against_gradient,  # with SLOPE; steps are the stepper's
+    "refinement_step.frag": reference.against_gradient,  # with SLOPE; the stepper makes the steps
     "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
         source, 1 - axis, target[1 - axis], origin, extent
     ),
     "split.frag": reference.split,
     "weighted.frag": reference.weighted,
 }
-# Of twins that are told by a word what shaders are by a define.
+# Shader defines and the keyword arguments that replace them.
 FLAGS = {"ABOVE": "above", "CLAMP": "clamp", "SIDE": "side", "SQUARED": "squared"}
-PLACING = "block_sum.frag", "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
+PLACING = "block_sum.frag", "pinned.frag", "resample.frag"  # passes that need the shape of their target
 COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
     "": lambda base, product: product,
     "ADD_TO_BASE": lambda base, product: base + product,
@@ -68,7 +68,7 @@ class ReferenceRenderer(Renderer):
 
 
 class ReferenceDevice:
-    """Numpy as a device of the pipeline: pictures are arrays (height, width, channels)."""
+    """Device of the pipeline that computes with numpy; pictures are arrays (height, width, channels)."""
 
     def picture(self, picture: FloatArray) -> FloatArray:
         return picture
@@ -113,12 +113,12 @@ class ReferenceDevice:
         return light.astype(dtype)
 
     def finish(self) -> None:
-        """Nothing runs in the background."""
+        """Returns at once: nothing runs in the background."""
 
 
 class Held:
     def release(self) -> None:
-        """Nothing to give back."""
+        """Does nothing: arrays need no release."""
 
 
 class Function(Held):
@@ -127,7 +127,7 @@ class Function(Held):
 
 
 class Twin(Held):
-    """A shader's twin and what it has drawn last."""
+    """A shader's CPU function and its last result."""
 
     def __init__(self, twin: Callable[..., FloatArray], shape: tuple[int, int], uniforms: dict[str, Any]) -> None:
         self._twin, self._shape, self._uniforms = twin, shape, uniforms
@@ -145,7 +145,7 @@ class Twin(Held):
 
 
 class Maps(Held):
-    """store : how a map is kept for products with it; each is, when first asked for."""
+    """A room's maps, each stored on first use. `store` prepares a map for products."""
 
     weighs = False
 
@@ -189,7 +189,7 @@ class Planes(Held):
 
 
 class Adapter(Held):
-    """sums_of : what stands for adaptation.clip_sums, if anything does."""
+    """Adapts frames. `sums_of` replaces adaptation.clip_sums if given."""
 
     def __init__(
         self,

@@ -1,17 +1,17 @@
-"""Refinement: a few steps a frame towards the best picture that the projector can show (docs/refinement.md).
+"""Refinement: a few steps per frame towards the best picture that the projector can show (docs/refinement.md).
 
 Per colour channel,
 
     min ½ Σ w (T p − b)² + ½ pᵀP p,  0 ≤ p ≤ 1,        b = c − e,
 
-w how far a camera pixel is trusted, P a prior (player/maps/prior.py). As T ≥ 0, TᵀWT ≼ diag(d) with d = TᵀW T·1, so a
-step of s = 1/(d + the prior's bound) never overshoots:
+w weights camera pixels by trust, and P is a prior (player/maps/prior.py). As T ≥ 0, TᵀWT ≼ diag(d) with d = TᵀW T·1, so
+a step of s = 1/(d + the prior's bound) never overshoots:
 
     q = clamp(y + s (TᵀW(b − T y) − P y)),   y ← q + β (q − p) + γ (q − y),   p ← q.
 
-β is Nesterov's momentum; γ is the over-relaxation of the optimised gradient method (Kim and Fessler 2016). Both are a
-fixed schedule, so that no step waits for a sum over the picture. From a frame to the next the momentum is carried on:
-p starts from what the steps before changed, y as far from p as it was; after a cut everything begins anew.
+β is Nesterov's momentum; γ is the over-relaxation of the optimised gradient method (Kim and Fessler 2016). Both follow
+a fixed schedule, so that no step waits for a sum over the picture. The momentum continues from frame to frame: p starts
+from the previous change, and y keeps its distance to p. After a cut, both start anew.
 """
 
 from collections.abc import Mapping
@@ -25,30 +25,30 @@ from counterlight.files.tables import Table
 
 STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
-STEPS_OF_A_STILL = 128  # where no frame is waited for: with 64, coarse cameras out of focus are 0.7 dB short
-GOOD_ENOUGH_DB = 0.1  # below the optimum: not visible
-CLEAN_DB = 1.0  # below where steps lead: hard to see
-MOST_OFFERED = 16  # steps that a window is asked for
+STEPS_OF_A_STILL = 128  # for stills, which have time; with 64 steps, coarse out-of-focus cameras are 0.7 dB short
+GOOD_ENOUGH_DB = 0.1  # below the optimum; not visible
+CLEAN_DB = 1.0  # below the best measured value; hard to see
+MOST_OFFERED = 16  # largest number of steps offered in a window
 GREY = 0.5
 OVER_RELAXATION = 0.6
-LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays however many steps are made
+LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays for any number of steps
 
 MOST_STEPS = 256
-FINEST_DB, WORST_DB = 1e-3, 1e3  # of what a manifest says
+FINEST_DB, WORST_DB = 1e-3, 1e3  # limits of dB values in a manifest
 SHARE_OF_FRAME = 0.8
 LEAST_PATIENCE, PATIENCE = 8, 100  # frames
 
 
 def default_steps(start: str) -> int:
-    """Steps a frame; more where no T⁺ b is waited for."""
+    """Return the default steps per frame; starts without T⁺ b get more steps."""
     return DEFAULT_STEPS if start in ("previous", "map") else STEPS_WITHOUT_MAP
 
 
 @dataclass(frozen=True)
 class Advice:
-    """How a room's maps say that they are best played: one of STARTS, and steps a frame from there.
+    """The way to play a room that its maps advise: one of STARTS, and steps per frame.
 
-    curves : by start, dB below the optimum after so many steps, as the build measured them.
+    curves : by start, dB below the optimum by number of steps, as measured by the build.
     """
 
     start: str
@@ -58,7 +58,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class Curve:
-    """dB below the optimum by steps; between those measured a power of steps + 1, beyond the last one as before it."""
+    """dB below the optimum by steps: a power law in steps + 1 between and beyond the measured points."""
 
     steps: tuple[int, ...]
     decibels: tuple[float, ...]
@@ -71,18 +71,18 @@ class Curve:
         return float(np.exp(y[-1] + fall * (np.log1p(steps) - x[-1])))
 
     def least(self, decibels: float) -> int:
-        """The fewest steps that end within so many dB, at most MOST_STEPS."""
+        """Return the fewest steps that end within `decibels`, at most MOST_STEPS."""
         return next((steps for steps in range(MOST_STEPS) if self.at(steps) <= decibels), MOST_STEPS)
 
     @property
     def clean_steps(self) -> int:
-        """The fewest steps that end within CLEAN_DB of where steps lead."""
+        """The fewest steps that end within CLEAN_DB of the best measured value."""
         return self.least(min(self.decibels) + CLEAN_DB)
 
 
 @dataclass(frozen=True)
 class Offer:
-    """A start that may be chosen, what it takes in steps, and what steps from there lead to."""
+    """A start to choose from: its cost in steps, and the error curve of the steps from there."""
 
     start: str
     in_steps: float
@@ -90,7 +90,7 @@ class Offer:
 
 
 def advice_of(details: Mapping[str, Any], where: str, fix: str) -> Advice | None:
-    """What a manifest of maps says, None if nothing.  InputError for what is neither a start nor steps."""
+    """Read the advice in the manifest of maps; None if it has none. Raises InputError for invalid values."""
     if "play" not in details:
         return None
     table = Table(details, where, fix).table("play")
@@ -112,18 +112,18 @@ def _curves(table: Table) -> dict[str, Curve]:
 
 
 def momentum(step: int) -> float:
-    """β after step 1, 2, …"""
+    """Return β after step 1, 2, …"""
     return min(step / (step + 1), LARGEST_MOMENTUM)
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """How far a drive can be from the best one, per colour channel: from the least Σ (T p − b)², 0 ≤ p ≤ 1.
+    """Bound on the distance of a drive from the least Σ (T p − b)², 0 ≤ p ≤ 1, per colour channel.
 
-    squared_error : (3,) E = ‖T p − b‖²; in the player over the lit camera pixels, of all b that was asked for.
-    gap : (3,) G = Σ max(g p, g (p − 1)), g the gradient of E/2: no drive's E/2 is smaller by more than G.
-    outside : light that the camera does not see, as a share of what the picture throws there without compensation;
-    None where that is nothing, or nobody asked.
+    squared_error : (3,). E = ‖T p − b‖². In the player, over the lit camera pixels, with unlimited b.
+    gap : (3,). G = Σ max(g p, g (p − 1)), with g the gradient of E/2. No drive lowers E/2 by more than G.
+    outside : light that the camera does not see, relative to the uncompensated picture; None if that picture has none,
+        or without a measurement.
     """
 
     squared_error: NDArray[np.float64]
@@ -140,7 +140,7 @@ class Certificate:
 
     @property
     def decibels(self) -> float:
-        """The PSNR is at most this far below the optimum's; infinite where G says nothing.
+        """Upper bound on the distance in dB from the optimum's PSNR; infinite if G gives no bound.
 
         The residual is a point of the dual problem; scaling it by its best factor turns G into E* ≥ (E − G)²/E.
         """
@@ -149,7 +149,7 @@ class Certificate:
         return float(10 * np.log10(max(E.sum(), 1e-300) / least)) if least > 0 else float("inf")
 
     def to_dict(self) -> dict[str, float | None]:
-        """For JSON, which has no infinity."""
+        """Return values for JSON; an infinite bound becomes None."""
         bound = self.decibels if np.isfinite(self.decibels) else None
         return {"relative_gap": self.relative, "certified_db": bound, "light_outside": self.outside}
 
@@ -159,14 +159,15 @@ class Certificate:
 
 
 class StepBudget:
-    """As many steps as some time leaves (`--refine auto`, `--budget`).
+    """Chooses the steps that fit in the available time (`--refine auto`, `--budget`).
 
-    interval_s : from one frame to the next, or what a frame may take.  most : steps; it then begins with these, else
-    with one.  least : steps, however long they take.
-    The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. Once a
-    frame has taken too long, the count that would have fitted is kept for a while before more is tried: for
-    LEAST_PATIENCE frames, since other work comes and goes, and for twice as many after each try that fails, up to
-    PATIENCE.
+    interval_s : seconds per frame, or the allowed time.
+    most : largest number of steps, and then also the first number; without it the first number is 1.
+    least : smallest number of steps, regardless of time.
+
+    The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. After a
+    late frame, the count that would have fitted is kept for LEAST_PATIENCE frames, since other load on the machine may
+    pass. Each failed try doubles this wait, up to PATIENCE frames.
     """
 
     def __init__(self, interval_s: float, most: int | None = None, least: int = 0) -> None:
@@ -180,7 +181,7 @@ class StepBudget:
         return SHARE_OF_FRAME * self.interval_s
 
     def took(self, seconds: float) -> None:
-        """Tell what the last frame took with `steps` steps."""
+        """Report the seconds that the last frame took with `steps` steps."""
         tried, self._tries = self._tries, False
         if not self.fits(seconds):
             fewer = min(int(self.steps * self._goal_s / seconds), self.steps - 1)
@@ -196,15 +197,16 @@ class StepBudget:
             self.steps, self._tries = more, more > self.steps
 
     def fits(self, seconds: float) -> bool:
-        """Whether a frame that takes so long ends early enough."""
+        """Whether a frame of this duration ends early enough."""
         return seconds <= self._goal_s
 
     def measured(self, base_s: float, step_s: float) -> None:
-        """Tell what a frame takes without its steps, and each of them: it need not be found out by trial then."""
+        """Report the measured time of a frame without steps, and of one step; the count then needs no trial."""
         fitting = self.fitting(base_s, step_s)
-        if fitting < self.steps or fitting >= 2 * self.steps or not self._wait:  # twice: what took too long was no step
+        # If twice as many steps fit, something else than the steps caused the delay.
+        if fitting < self.steps or fitting >= 2 * self.steps or not self._wait:
             self.steps = min(max(fitting, self.least), self.most)
 
     def fitting(self, base_s: float, step_s: float) -> int:
-        """Steps that such a frame has time for."""
+        """Return the steps that fit into a frame."""
         return min(max(int((self._goal_s - base_s) / max(step_s, 1e-9)), 0), MOST_STEPS)

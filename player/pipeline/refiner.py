@@ -1,4 +1,4 @@
-"""Refinement: two gathers a step, T and Tᵀ, and the step itself; see player/pipeline/refinement.py."""
+"""Refinement: two gathers per step, T and Tᵀ, and the step itself; see player/pipeline/refinement.py."""
 
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -17,10 +17,11 @@ SUBTRACT = "SUBTRACT_FROM_BASE"
 
 
 class Goal(NamedTuple):
-    """What a drive is measured by.
+    """The pictures that a drive is measured against.
 
-    b : what the steps seek.  unbounded : what was asked for, beyond what can be had, too.  plain : the drive without
-    compensation.
+    b : target of the steps.
+    unbounded : target without the limits of what each pixel can have.
+    plain : drive without compensation.
     """
 
     b: Light
@@ -29,9 +30,9 @@ class Goal(NamedTuple):
 
 
 class Refiner:
-    """Steps from a drive towards the best one, and says how far from it a drive can be.
+    """Makes steps from a drive towards the best drive, and certifies how far a drive is from it.
 
-    stored : T and TᵀW, which others read as well.
+    stored : shared maps T and TᵀW.
     """
 
     def __init__(self, device: Device, stored: StoredMaps, maps: RefinementMaps) -> None:
@@ -50,7 +51,7 @@ class Refiner:
             raise
 
     def run(self, start: Iterate, b: Light, steps: int) -> Iterate:
-        """Where `steps` steps from `start` lead."""
+        """Return the iterate after `steps` steps from `start`."""
         p, y, made = start
         for step in range(made + 1, made + steps + 1):
             _, descent = self._slope.run(y, b)
@@ -58,12 +59,12 @@ class Refiner:
         return Iterate(p, y, made + steps)
 
     def downhill(self, y: Light, b: Light) -> Light:
-        """TᵀW (b − T y) − P y."""
+        """Return TᵀW (b − T y) − P y."""
         return self._against_gradient(self._slope.run(y, b)[1], y)
 
     @cached_property
     def curvature(self) -> Light:
-        """1 / step size; 0 where that is 0."""
+        """1 / step size; 0 where the step size is 0."""
         return self._owner.own(self._make_curvature())
 
     def certify(self, p: Light, goal: Goal) -> Certificate:
@@ -71,7 +72,7 @@ class Refiner:
         return self._certifier.run(self._slope, p, goal)[0]
 
     def snapshot(self, last: Iterate, goal: Goal, steps: int) -> Snapshot:
-        """The same of a drive after `steps` steps, with what an estimate needs; reads four pictures back."""
+        """Certify a drive after `steps` steps, with the pictures that an estimate needs; reads four pictures back."""
         certificate, found = self._certifier.run(self._slope, last.p, goal)
         unweighted = np.array(self._device.read(found, np.float32))
         descent = self._slope.run(last.p, goal.b)[1]
@@ -87,7 +88,7 @@ class Refiner:
 
     @cached_property
     def _certifier(self) -> "_Certifier":
-        """Made when first asked: eight pictures, which a show that shows no figures has no use for."""
+        """Built on first use: it holds eight pictures that only shows with figures need."""
         return self._owner.own(self._make_certifier())
 
     def release(self) -> None:
@@ -95,7 +96,7 @@ class Refiner:
 
 
 class _Slope:
-    """b − T y and TᵀW (b − T y), T = S + B P + U M D."""
+    """Computes b − T y and TᵀW (b − T y), with T = S + B P + U M D."""
 
     def __init__(self, stored: StoredMaps, maps: RefinementMaps) -> None:
         self._owner, self._stored = Owner(), stored
@@ -105,23 +106,23 @@ class _Slope:
         self._beside = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in maps.beside]
 
     def run(self, y: Light, b: Light) -> tuple[Light, Light]:
-        """The residual, weighed where the maps weigh, and the slope."""
+        """Return the residual (weighted if the maps weigh) and the slope."""
         residual = self.source(y, b)
         return residual, self.gathered(residual)
 
     def source(self, y: Light, b: Light) -> Light:
-        """b − T y as the maps of TᵀW take it."""
+        """Return b − T y in the form that the maps of TᵀW take."""
         return self._residual.run(y, b)
 
     def gathered(self, residual: Light) -> Light:
-        """TᵀW of a residual from `source`."""
+        """Return TᵀW of a residual from `source`."""
         descent = self._dual.run(residual)
         for chain in self._beside:
             descent = chain.run(residual, descent)
         return descent
 
     def residual(self, p: Light, b: Light) -> Light:
-        """b − T p as it is."""
+        """Return the plain b − T p."""
         return self._plain.run(p, b)
 
     @cached_property
@@ -133,7 +134,7 @@ class _Slope:
 
 
 class _Residual:
-    """b − T y, the last part of it combined as `last` says."""
+    """Computes b − T y; `last` says how the last part is combined."""
 
     def __init__(self, stored: StoredMaps, last: str) -> None:
         self._owner, maps = Owner(), stored.room.maps
@@ -154,7 +155,7 @@ class _Residual:
 
 
 class _Certifier:
-    """The unweighted error over the lit camera pixels, its gap and the light outside, summed and read back."""
+    """Computes the unweighted error over the lit camera pixels, its gap and the light outside; sums are read back."""
 
     def __init__(self, device: Device, maps: RefinementMaps) -> None:
         (camera, projector), self._owner = (maps.weights.shape, maps.seen.shape), Owner()
@@ -172,7 +173,7 @@ class _Certifier:
         self._of_projector, self._of_camera = (own(device.total((h, w))) for h, w in (projector, camera))
 
     def run(self, slope: _Slope, p: Light, goal: Goal) -> tuple[Certificate, Light]:
-        """With Tᵀ (b − T p) over the lit camera pixels, of all that was asked for."""
+        """Return the certificate, and Tᵀ (b − T p) over the lit camera pixels with unlimited b."""
         counted = self._counted.run(picture=slope.source(p, goal.unbounded), weights=self._unweighing)
         descent = slope.gathered(counted)
         gap = self._of_projector.run(self._gap.run(descent=descent, p=p))
@@ -189,7 +190,7 @@ class _Certifier:
 
 
 def grey(values: NDArray[np.generic]) -> NDArray[np.float32]:
-    """(height, width) as a picture."""
+    """Convert (height, width) to a picture (height, width, 3)."""
     return np.repeat(values[..., None].astype(np.float32), 3, axis=2)
 
 

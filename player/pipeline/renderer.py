@@ -1,9 +1,8 @@
-"""What a frame goes through on either backend: planes -> linear picture -> placed in the camera's view -> b -> drive ->
-8 bit (thesis 5.2).
+"""The passes of a frame on either backend: planes -> linear picture -> placed in the camera's view -> b -> drive -> 8
+bit (thesis 5.2).
 
-Which view is shown, what drives the projector and how far from the best one that is are said once, for every device
-(device.py). Whatever a device holds is made when the room or the medium is opened, or when something is first asked for
-(a view, an adjustment of the picture); a frame allocates nothing.
+The choice of view, drive and certificate is written once for every device (device.py). Device objects are made when a
+room or medium is opened, or on first use (a view, an adjustment). A frame allocates nothing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,10 +36,12 @@ from counterlight.viewpoints import Viewpoint
 
 
 class Renderer:
-    """open, then upload and render as often as you like, then read what is needed; release at the end.
+    """Renders frames: `open`, then `upload` and `render` any number of times, then read results; `release` at the end.
 
-    path : one of counterlight.pipeline.device.PATHS; afterwards, how it multiplies.
-    No part refers back to the renderer, so that a reload frees the room it replaces, and not some later collection.
+    path : one of counterlight.pipeline.device.PATHS. After construction, `path` is the report of the chosen path.
+
+    No part refers back to the renderer. A reload therefore frees the replaced room at once, without waiting for garbage
+    collection.
     """
 
     def __init__(self, device: Device, room: Room, path: str) -> None:
@@ -50,7 +51,7 @@ class Renderer:
         self._medium: _Medium | None = None
         self._prepared: _Medium | None = None
         self._leaving: _Leaving | None = None
-        self._view = ""  # that was rendered last; none since a medium was opened
+        self._view = ""  # the view rendered last; empty since a medium was opened
         self._damper: Damper | None = None
         self._laps = Laps(device.finish)
         try:
@@ -87,14 +88,14 @@ class Renderer:
         return self._owner.own(SmallPicture(self._device, self._room.calibration.camera.shape, self._room.white))
 
     def start_from(self, start: str, bare: str = "map") -> None:
-        """Have refinement start there, one of STARTS, from the next render on.
+        """Set where refinement starts, one of STARTS, from the next render on.
 
-        bare : what a render without steps shows: "map", T⁺ b, or "direct", direct mapping.
+        bare : drive of a render without steps: "map" for T⁺ b, or "direct" for direct mapping.
         """
         self._company.start_from(start, bare)
 
     def prepare(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
-        """Make what `open` will need, before the medium before has ended; raises InputError as `open` does."""
+        """Build what `open` will need, while the previous medium still plays; raises InputError as `open` does."""
         here = None if crossfade else self._medium
         if any(made is not None and made.pixels == pixels for made in (here, self._prepared)):
             return
@@ -103,9 +104,9 @@ class Renderer:
         self._prepared = self._owner.own(_Medium(self._device, self._eyes, pixels))
 
     def open(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
-        """Take frames of one format from now on; raises InputError if they do not suit the room.
+        """Accept frames of this format from now on; raises InputError if they do not suit the room.
 
-        crossfade : keep the medium before, which fades out (`fade`), until `end_crossfade`.
+        crossfade : keep the previous medium, which fades out (`fade`), until `end_crossfade`.
         """
         self.end_crossfade()
         crossfade = crossfade and self._medium is not None
@@ -125,9 +126,9 @@ class Renderer:
         self._view = ""
 
     def fade(self, level: float, weight: float = 0.0) -> None:
-        """Ask for that share of the light, from 0, black, to 1, from the next render on.
+        """Scale the light from the next render on: 0 is black, 1 is full.
 
-        weight : share of the medium before in a crossfade.
+        weight : share of the previous medium in a crossfade.
         """
         for eye in self._eyes:
             eye.request.fade(level)
@@ -136,7 +137,7 @@ class Renderer:
                 crossfade.set(weight)
 
     def end_crossfade(self) -> None:
-        """Leave the medium before."""
+        """Release the previous medium."""
         leaving, self._leaving = self._leaving, None
         if leaving is None or self._medium is None:
             return
@@ -146,9 +147,9 @@ class Renderer:
         self._owner.give_up(leaving.medium)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        """Take over what the viewer changed, from the next render on; stays when another medium is opened.
+        """Apply the viewer's settings from the next render on; they persist when another medium is opened.
 
-        Something used for the first time is built here, so that a frame afterwards allocates nothing.
+        Passes that are used for the first time are built here, so that frames allocate nothing.
         """
         previous = self._adjustments
         if adjustments.viewpoint != previous.viewpoint:
@@ -171,7 +172,7 @@ class Renderer:
             self._leaving.medium.planes.upload(frame.planes)
 
     def upload(self, frame: Frame) -> None:
-        """Take a frame's planes; the frame may be released afterwards."""
+        """Take a frame's planes; the caller may release the frame afterwards."""
         self._planes.upload(frame.planes)
         cut = self._cuts.starts_with(frame) and self._leaving is None
         for eye in self._eyes:
@@ -182,14 +183,14 @@ class Renderer:
 
     @property
     def _planes(self) -> Planes:
-        """Of the medium that is open."""
+        """Planes of the open medium."""
         assert self._medium is not None
         return self._medium.planes
 
     def _stand(self, viewpoint: Viewpoint) -> None:
-        """Who has a share in the drive from now on; `_eye`, who has most, is whose view is shown.
+        """Choose the views with a share in the drive. `_eye`, the view with the largest share, is shown.
 
-        InputError for a place in a room that was seen from one alone.
+        Raises InputError for a place in a room with one view.
         """
         shares = [(float(share), eye) for share, eye in zip(self._room.shares(viewpoint), self._eyes, strict=True)]
         self._shares = [(share, eye) for share, eye in shares if share > 0]
@@ -199,10 +200,10 @@ class Renderer:
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0, timed: bool = False) -> None:
         """Compute a view of the uploaded frame, one of VIEWS.
 
-        split shows the camera's view without | with compensation, error how far it is from what was asked, impossible
-        what no picture can reach (views.py). A test card has no error: error shows the camera's view of it.
-        steps : of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
-        timed : wait after each stage; `stage_s` then says how long each took.
+        view : split shows the camera's view without | with compensation. error shows the distance from the target.
+            impossible shows what no picture can reach (views.py). For a test card, error shows the camera's view.
+        steps : steps of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
+        timed : wait after each stage, and report times in `stage_s`.
         """
         if view not in VIEWS or steps < 0:
             raise ValueError(f"view {view!r}, {steps} steps: expected one of {', '.join(VIEWS)}, and no steps below 0")
@@ -219,30 +220,30 @@ class Renderer:
 
     @property
     def stage_s(self) -> Mapping[str, float]:
-        """Seconds of each of laps.STAGES of the frame that was timed last."""
+        """Seconds per stage (laps.STAGES) of the frame that was timed last."""
         return self._laps.seconds
 
     def encoded(self) -> NDArray[np.uint8]:
-        """The rendered view as 8-bit code values: each projector's response, or sRGB with white = 1 for the camera."""
+        """Return the view as 8-bit code values: by projector response, or sRGB with white = 1 for the camera."""
         return self._device.read(self._encoded, np.uint8)
 
     def linear(self) -> NDArray[np.float32]:
-        """The rendered view in linear light: drive 0..1, or what the camera sees, in screen primaries."""
+        """Return the rendered view in linear light: drive 0..1, or the camera picture in screen primaries."""
         return self._device.read(self._linear, np.float32)
 
     def desired(self) -> NDArray[np.float32]:
-        """What is asked for, as adapted and placed: (camera height, camera width, 3), in screen primaries."""
+        """Return the adapted and placed target: (camera height, camera width, 3), in screen primaries."""
         return self._eye.request.desired(self._run_planes())
 
     def _run_planes(self) -> Light | Two:
-        """The decoded picture, or two in a crossfade."""
+        """Return the decoded picture, or two pictures during a crossfade."""
         now = self._planes.run()
         return now if self._leaving is None else Two(now, self._leaving.medium.planes.run())
 
     def small(self) -> NDArray[np.uint8] | None:
-        """The rendered view as a small sRGB picture; None before the first frame of a medium.
+        """Return the rendered view as a small sRGB picture; None before the first frame of a medium.
 
-        Costs a look at every pixel of it.
+        Reads every pixel of the view once.
         """
         if not self._view:
             return None
@@ -250,9 +251,9 @@ class Renderer:
         return self._device.read(made.run(self._linear), np.uint8)
 
     def small_seen(self) -> NDArray[np.uint8] | None:
-        """What the camera sees of the drive of the rendered view, as a small sRGB picture; None if it has no drive.
+        """Return the predicted camera picture of the rendered drive, as a small sRGB picture; None without a drive.
 
-        Costs a product with T as well, unless that is the view.
+        Costs a product with T, unless the camera view is shown.
         """
         if self._view == "camera":
             return self.small()
@@ -261,12 +262,12 @@ class Renderer:
         return self._device.read(self._small_camera.run(self._eye.observers[0].run(self._sent)), np.uint8)
 
     def finish(self) -> None:
-        """Wait until everything asked for has been computed."""
+        """Wait until the device has computed everything."""
         self._device.finish()
 
     def certificate(self) -> Certificate | None:
-        """How far the drive of the rendered view can be from the best one; None without compensation or its maps, and
-        between views, where nobody knows what is best.
+        """Return how far the rendered drive can be from the best drive. None without compensation, without the maps of
+        refinement, or between views, where no optimum is defined.
 
         Costs as much as a step of refinement.
         """
@@ -276,14 +277,14 @@ class Renderer:
         return refiner.certify(last.p, self._goal(asked[0].b))
 
     def snapshot(self) -> Snapshot | None:
-        """The same with what is needed to estimate it (survey.py): three pictures are read back as well."""
+        """Return the certificate with the pictures for an estimate (survey.py), which are read back from the device."""
         if self._compensated is None or (refiner := self._compensated.refiner) is None:
             return None
         last, asked, steps = self._compensated
         return refiner.snapshot(last, self._goal(asked[0].b), steps)
 
     def release(self) -> None:
-        """Give back what the renderer holds."""
+        """Release everything that the renderer holds."""
         self._owner.release()
 
     def _shown(self, view: str, *, compensate: bool, steps: int) -> Light:
@@ -349,7 +350,7 @@ class Renderer:
 
 
 class _Compensated(NamedTuple):
-    """The drive of the rendered view, what it was asked for, and the steps of refinement."""
+    """The drive of the rendered view, its targets, and its steps of refinement."""
 
     last: Iterate
     asked: list[Asked]
@@ -362,7 +363,7 @@ class _Compensated(NamedTuple):
 
 
 class _Medium:
-    """The passes of a format: planes -> linear picture, and its place in each eye's view."""
+    """The passes of a format: planes -> linear picture, and its placement in each view."""
 
     def __init__(self, device: Device, eyes: Sequence[Eye], pixels: PixelFormat) -> None:
         self.pixels, self._owner = pixels, Owner()
@@ -378,7 +379,7 @@ class _Medium:
 
 
 class _Leaving:
-    """A medium that fades out while another fades in.  crossfades : one per eye."""
+    """A medium that fades out while another fades in. `crossfades` has one entry per view."""
 
     def __init__(self, device: Device, now: "_Medium", before: "_Medium") -> None:
         self.medium, self._owner = before, Owner()
@@ -395,7 +396,7 @@ class _Leaving:
 
 
 class _Moved:
-    """A drive -> how it is shown by projectors whose pictures have moved, or whose light has changed."""
+    """Maps a drive to the shown drive, for projectors that have moved or changed their light."""
 
     def __init__(self, device: Device, room: Room, drift: Drift) -> None:
         self._owner = Owner()
@@ -415,7 +416,7 @@ class _Moved:
 
 
 def check_radiance(pixels: PixelFormat, room: Room) -> None:
-    """An OpenEXR picture is the camera's radiance as it is: InputError unless it has the size of the only camera."""
+    """Raise InputError unless an OpenEXR picture, which is camera radiance, has the size of the only camera."""
     camera = room.calibration.camera
     if pixels.layout == "radiance" and room.others:
         raise InputError(

@@ -1,12 +1,12 @@
-"""From a medium's own light to the room's screen: HDR brought within white, wide primaries within the screen's.
+"""From a medium's own light to the room's screen: HDR is compressed below white, wide gamuts are fitted to BT.709.
 
-A medium's light is 1 at its brightest code. That of PQ is 10 000 cd/m² there; that of HLG is the scene's, which becomes
-a display's by Y_S^(γ − 1) of its luminance (ITU-R BT.2100-2, table 5). Then, of a colour whose brightest channel is x,
+A medium's light is 1 at its brightest code. For PQ this is 10 000 cd/m². For HLG it is scene light, which becomes
+display light by Y_S^(γ − 1) of its luminance (ITU-R BT.2100-2, table 5). For a colour with brightest channel x,
 
     colour ← gain(x) · colour,   gain(x) = EETF(x) / (target x)       (ITU-R BT.2390-10, 5.4.1, black at 0)
 
-so that hue and saturation stay, the primaries are the screen's (BT.709's) by one matrix, and what these cannot show is
-mixed with grey of its luminance until they can. Shaders and compiled passes read gain(x) from a table over ⁴√x.
+then keeps hue and saturation. One matrix converts to the screen's primaries (BT.709's). Colours outside the gamut are
+mixed with grey of their luminance until they fit. Shaders and compiled passes read gain(x) from a table over ⁴√x.
 """
 
 from dataclasses import dataclass
@@ -20,18 +20,20 @@ from counterlight.pipeline.colour import LUMINANCE, to_screen
 from counterlight.response import PQ_PEAK, TABLE_SIZE, pq_codes, pq_light
 
 FloatArray = NDArray[np.floating]
-UNSAID_PEAK = 1000.0  # cd/m²: BT.2100's reference display, HLG's nominal one, and what most PQ is graded on
+UNSAID_PEAK = 1000.0  # cd/m²: BT.2100's reference display, HLG's nominal display, and the usual grading peak of PQ
 LUMINANCE_2020 = (0.2627, 0.6780, 0.0593)
-HLG_RANGE = 400.0, 2000.0  # cd/m², of BT.2100's formula for γ; beyond it, γ of the nearer end
-LEAST = 1e-6  # of a denominator
+HLG_RANGE = 400.0, 2000.0  # cd/m², valid range of BT.2100's formula for γ; outside it, γ of the nearer end
+LEAST = 1e-6  # smallest denominator
 
 
 @dataclass(frozen=True, eq=False)
 class Rendition:
-    """What a picture's light goes through after its transfer curve.
+    """The conversion of a picture's light after its transfer curve.
 
-    ootf : γ − 1 of HLG, 0 for none.  top : light of the medium's peak; what is brighter is taken for as bright.
-    gain : (samples,) over ⁴√(light / top), 0..1.  matrix : (3, 3), the medium's primaries -> the screen's.
+    ootf : γ − 1 of HLG; 0 for none.
+    top : light of the medium's peak; brighter light is treated as equal to it.
+    gain : (samples,). Over ⁴√(light / top), 0..1.
+    matrix : (3, 3). From the medium's primaries to the screen's.
     """
 
     ootf: float
@@ -40,7 +42,7 @@ class Rendition:
     matrix: NDArray[np.float64]
 
     def on_screen(self, light: FloatArray) -> NDArray[np.float64]:
-        """(…, 3), 0..1 at the medium's peak -> 0..1 at white, as planes_to_linear.frag does it."""
+        """Convert light (…, 3), 1 at the medium's peak, to light with 1 at white, as planes_to_linear.frag does."""
         if self.ootf:
             luminance = np.maximum(light @ LUMINANCE_2020, LEAST)
             light = light * luminance[..., None] ** self.ootf
@@ -61,7 +63,7 @@ def within_gamut(linear_rgb: FloatArray) -> NDArray[np.float64]:
 
 
 def rendition_of(pixels: PixelFormat, adjustments: Adjustments) -> Rendition | None:
-    """What a medium's light goes through; None where it is the screen's as it is, and for radiance."""
+    """Return the conversion of a medium's light; None for radiance, and if the light needs no conversion."""
     matrix = to_screen(pixels.primaries)
     if pixels.transfer not in ("pq", "hlg"):
         plain = Rendition(0.0, 1.0, np.ones(TABLE_SIZE, np.float32), matrix)
@@ -74,15 +76,15 @@ def rendition_of(pixels: PixelFormat, adjustments: Adjustments) -> Rendition | N
 
 
 def peak_of(pixels: PixelFormat, adjustments: Adjustments) -> float:
-    """The brightest light of an HDR medium in cd/m²: as somebody says, as the medium does, or as is usual."""
+    """Return the peak of an HDR medium in cd/m²: from the option, from the medium, or the usual value."""
     if adjustments.hdr_peak != "auto":
         return float(adjustments.hdr_peak)
-    said = pixels.peak_nits if pixels.transfer == "pq" else 0.0  # HLG has none of its own
+    said = pixels.peak_nits if pixels.transfer == "pq" else 0.0  # HLG states no peak
     return said or UNSAID_PEAK
 
 
 def tone_curve(unit: float, peak: float, target: float, tone_mapping: str) -> NDArray[np.float32]:
-    """Gain of light whose 1 is `unit` cd/m², (samples,) over ⁴√(light / top); white is `target` cd/m²."""
+    """Return the gain of light, (samples,) over ⁴√(light / top). Light 1 is `unit` cd/m²; white is `target` cd/m²."""
     nits = min(peak, unit) * np.linspace(0, 1, TABLE_SIZE)[1:] ** 4
     shown = np.minimum(nits, target) if tone_mapping == "clip" else eetf(nits, min(peak, unit), target)
     gain = shown / nits * (unit / target)
@@ -90,7 +92,7 @@ def tone_curve(unit: float, peak: float, target: float, tone_mapping: str) -> ND
 
 
 def eetf(nits: FloatArray, peak: float, target: float) -> NDArray[np.float64]:
-    """BT.2390's electrical-electrical transfer function, from a display of `peak` cd/m² to one of `target`.
+    """BT.2390's electrical-electrical transfer function, from a display of `peak` cd/m² to a display of `target` cd/m².
 
     Below a knee nothing changes; above it, a Hermite spline over PQ codes reaches the target with slope 0.
     """
@@ -106,5 +108,5 @@ def eetf(nits: FloatArray, peak: float, target: float) -> NDArray[np.float64]:
 
 
 def _gamma(peak: float) -> float:
-    """BT.2100's system gamma of HLG on a display of `peak` cd/m²."""
+    """Return BT.2100's system gamma of HLG on a display of `peak` cd/m²."""
     return float(1.2 + 0.42 * np.log10(np.clip(peak, *HLG_RANGE) / 1000))

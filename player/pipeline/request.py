@@ -1,4 +1,4 @@
-"""What a frame asks for: light in the camera's view, and the drive that it would be without compensation."""
+"""The targets of a frame: light in the camera's view, and the drive without compensation."""
 
 from functools import cached_property
 
@@ -17,9 +17,11 @@ from counterlight.pipeline.test_cards import card
 
 
 class Request:
-    """Places and tones the decoded picture; a neutral picture takes the passes that know of no tone.
+    """Places and tones the decoded picture. With neutral settings, the passes skip the tone.
 
-    ambient : in screen primaries.  maps, near_light : for what the adaptation needs to know.  mixer : of the room.
+    ambient : ambient light in screen primaries.
+    maps, near_light : inputs of the adaptation.
+    mixer : mixing of the room.
     """
 
     def __init__(
@@ -50,11 +52,11 @@ class Request:
             raise
 
     def make(self, pixels: PixelFormat) -> Placed:
-        """The passes of a format, for `open`; the caller releases them."""
+        """Return the passes of a format, for `open`; the caller releases them."""
         return Placed(self._device, self._room, self._mixer, self._axes, pixels)
 
     def open(self, placed: Placed | Crossfade, adjustments: Adjustments) -> None:
-        """Take pictures of a format from now on."""
+        """Accept pictures of a format from now on."""
         self.take(placed)
         self._adjustments = NEUTRAL
         if self._limits:
@@ -62,17 +64,17 @@ class Request:
         self.adjust(adjustments)
 
     def take(self, placed: Placed | Crossfade) -> None:
-        """Take pictures that another one places, as a part of the same medium."""
+        """Switch to another placing of the same medium."""
         self._placed, self._unit = placed, placed.unit
         self._tell_white()
 
     def fade(self, level: float) -> None:
-        """Ask for that share of the light, from 0, black, to 1."""
+        """Scale the light: 0 is black, 1 is full."""
         self._level = level
         self._tell_white()
 
     def _tell_white(self) -> None:
-        """What 1 of a placed picture stands for, in every pass that is told; those with a tone count in white's."""
+        """Set the light of a placed picture's 1 in every pass. Passes with a tone count in shares of white."""
         white, level = self._room.white, self._level
         self._desired.set(white=level if self._placed.radiance else level * white)
         self._plain.set(white=level * self._unit)
@@ -97,7 +99,7 @@ class Request:
             self._adapter.advance(cut=cut, duration_s=duration_s)
 
     def light(self, picture: Light) -> Light:
-        """b = c − e of a decoded picture: what a drive is sought for. Within 0 to T·1 where the maps bound it."""
+        """Return the target b = c − e of a decoded picture, limited to 0..T·1 if the maps bound it."""
         placed, told = self._placed.in_view(picture), {"ambient": self._ambient, **self._rows}
         if self._limits:
             told["full"] = self._maps.full
@@ -106,13 +108,13 @@ class Request:
         return self._toned_desired.run(picture=placed, tone=self._tone(placed), **told)
 
     def unbounded(self, picture: Light) -> Light:
-        """c − e as it is: what the views tell of."""
+        """Return c − e without limits, for the views that show errors."""
         placed, asked = self._placed.in_view(picture), self._toned_unbounded
         asked.set(white=self._level * self._room.white, unit=self._unit, black_level=self._adjustments.black_level)
         return asked.run(picture=placed, ambient=self._ambient, tone=self._tone(placed), **self._rows)
 
     def plain(self, picture: Light) -> Light:
-        """The drive without compensation: the test card, or the picture as it fits the projector."""
+        """Return the drive without compensation: the test card, or the picture fitted to the projector."""
         if self._adjustments.card is not None:
             return self._card
         placed = self._placed.on_projector(picture)
@@ -121,7 +123,7 @@ class Request:
         return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
 
     def desired(self, picture: Light) -> NDArray[np.float32]:
-        """c, (camera height, camera width, 3), in screen primaries."""
+        """Return c, (camera height, camera width, 3), in screen primaries."""
         if self._toned or self._placed.pinned:
             return self._device.read(self._mixer.on_screen(self.unbounded(picture)), np.float32) + self._room.ambient
         white = self._level * (1.0 if self._placed.radiance else self._room.white)

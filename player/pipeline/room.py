@@ -1,4 +1,4 @@
-"""A room as it is played in: its calibration, its maps, and how they are used."""
+"""A room for playback: its calibration, its maps, and how they are used."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,12 +26,15 @@ DITHERS = ("ordered", "noise", "none")
 
 @dataclass(frozen=True)
 class Room:
-    """What a renderer needs to know of a room.
+    """The inputs of a renderer.
 
-    white : camera radiance of a white picture, in each channel.  dither : one of DITHERS.
-    start : one of counterlight.pipeline.refinement.STARTS, where refinement begins.
-    drift : what has changed since the calibration, whose ambient light is that of now; None if nobody has looked.
-    others, places : of a set of views the further ones, and where all stand; this is the first.
+    white : camera radiance of a white picture, the same in each channel.
+    dither : one of DITHERS.
+    start : where refinement starts; one of counterlight.pipeline.refinement.STARTS.
+    drift : changes since the calibration, if checked; None otherwise. `calibration` then holds the current ambient
+        light.
+    others : the further views of a set; this room is the first view.
+    places : where all views of a set stand.
     """
 
     calibration: Calibration
@@ -52,11 +55,11 @@ class Room:
 
     @property
     def eyes(self) -> tuple["Room", ...]:
-        """The room as it is seen from each of its views."""
+        """The room as seen from each of its views."""
         return (self, *self.others)
 
     def shares(self, viewpoint: Viewpoint) -> NDArray[np.float64]:
-        """Of each eye, for viewers there; InputError for a place in a room that was seen from one alone."""
+        """Return the share of each view for viewers there; raises InputError for a place in a room with one view."""
         if self.places is not None:
             return self.places.shares(viewpoint)
         if viewpoint != "all":
@@ -68,20 +71,20 @@ class Room:
 
     @property
     def drifted(self) -> dict[str, Any] | None:
-        """For JSON, what the last check found; None if there was none."""
+        """Result of the last check, for JSON; None without a check."""
         return None if self.drift is None else self.drift.to_dict(self.calibration.projectors)
 
     def seen_from(self, viewpoint: Viewpoint) -> "Room":
-        """The eye that has the largest share, whose view is shown."""
+        """Return the view with the largest share, which is shown."""
         return self.eyes[int(self.shares(viewpoint).argmax())]
 
     def outside(self, viewpoint: Viewpoint) -> str | None:
-        """A line about viewers who stand beyond all views, None if nobody does."""
+        """Return a line about viewers beyond all views; None if there are none."""
         return None if self.places is None else self.places.outside(viewpoint)
 
     @cached_property
     def mixing(self) -> Mixing:
-        """Of the maps, as far as they still have all light of a camera pixel (Drift.share)."""
+        """The maps' mixing, reduced where part of a camera pixel's light is from beyond the raster (`Drift.share`)."""
         share = None if self.drift is None else self.drift.share
         return self.maps.mixing if share is None else self.maps.mixing.shared(share)
 
@@ -92,7 +95,7 @@ class Room:
 
     @property
     def default_steps(self) -> int:
-        """Steps of refinement a frame if nobody says how many; of several views what the neediest needs."""
+        """The default steps of refinement per frame; for several views, the largest number of all."""
         if self.others:
             return max(replace(each, others=(), start=self.start).default_steps for each in self.eyes)
         if self.maps.refinement is None:
@@ -102,7 +105,7 @@ class Room:
 
     @property
     def offers(self) -> tuple[Offer, ...]:
-        """The starts that the build has measured, and what they cost in steps; none without refinement."""
+        """The starts that the build has measured, with their cost in steps; empty without refinement."""
         advice, refinement = _advice(self.maps), self.maps.refinement
         if advice is None or refinement is None:
             return ()
@@ -119,12 +122,14 @@ def read_room(
     *,
     words: bool = False,
 ) -> Room:
-    """Read a calibration with its correction map; `white` None takes the level that most of the room can reach.
+    """Read a calibration with its correction map.
 
-    refine : steps of refinement; None for the usual number where the room has the maps for it.
-    start : one of STARTS, where they begin; None for what suits the room's maps.
-    words : read the maps in words, too, if the room has any.
-    Of a set of views all are read, for one white, one start, and no view's darkness where another one sees light.
+    white : radiance of white; None takes the level that most of the room can reach.
+    refine : steps of refinement; None for the default if the room has the maps for it.
+    start : one of STARTS; None for the start that suits the room's maps.
+    words : whether to read the maps packed in words as well, if the room has them.
+
+    A set of views is read as a whole, with one white and one start. No view keeps dark what another view sees.
     """
     if is_set(folder):
         return _read_set(folder, white, dither, refine, start, words=words)
@@ -158,7 +163,7 @@ def _read_set(folder: Path, white: float | None, *told: Any, words: bool) -> Roo
 
 
 def start_of(room_maps: RoomMaps, folder: Path | None = None) -> str:
-    """Where refinement starts if nobody says: as the maps advise, else from T⁺."""
+    """Return the default start of refinement: as the maps advise, else from T⁺."""
     advice = _advice(room_maps, folder)
     return STARTS[0] if advice is None else advice.start
 
@@ -170,7 +175,7 @@ def _advice(room_maps: RoomMaps, folder: Path | None = None) -> Advice | None:
 
 
 def _read(folder: Path, *, refinement: bool, words: bool) -> tuple[Calibration, RoomMaps, Drift | None]:
-    """The calibration's ambient light is that of now."""
+    """Read calibration, maps and drift; a drift's ambient light replaces the calibration's."""
     stored = calibrations.read(folder)
     drift = read_drift(stored)
     calibration = stored.calibration

@@ -1,4 +1,4 @@
-"""Where a picture stands below the best one: what is read back to find out, and the estimate (survey.py)."""
+"""Distance of a picture from the best one: the data for an estimate, and its result (survey.py)."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,13 @@ from counterlight.pipeline.refinement import Certificate
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A drive and its descent, read back from the device; pictures are (projector height, projector width, 3).
+    """A drive and its descent, read back from the device. Pictures are (projector height, projector width, 3).
 
-    drive, ahead, descent : p, y and TᵀW (b − T p) of the b that steps seek.
-    unweighted : Tᵀ (b − T p) over the lit camera pixels, of all b that was asked for.
-    made : steps since the last cut that led there.  steps : of them, those of this frame.
+    drive, ahead : p and y.
+    descent : TᵀW (b − T p), with the target b of the steps.
+    unweighted : Tᵀ (b − T p) over the lit camera pixels, with unlimited b.
+    made : steps since the last cut.
+    steps : steps of this frame, included in `made`.
     """
 
     certificate: Certificate
@@ -28,11 +30,13 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Shortfall:
-    """An estimate of where a picture stands.
+    """An estimate of how far a picture is below the best one.
 
-    decibels : below the unweighted optimum over the lit camera pixels.  doubling : decibels that as many steps again,
-    or one where there were none, would bring this picture.  steps : it was made with.
-    solved, squares : how many were solved, of how many.  spread : standard error of a sample, relative.
+    decibels : dB below the unweighted optimum over the lit camera pixels.
+    doubling : dB that the same number of steps again would gain; at least one step.
+    steps : steps of the picture.
+    solved, squares : number of squares that were solved, and of all squares.
+    spread : relative standard error of a sample.
     """
 
     decibels: float
@@ -44,12 +48,12 @@ class Shortfall:
 
     @property
     def further(self) -> int:
-        """The steps of a doubling."""
+        """Number of further steps that `doubling` refers to."""
         return max(self.steps, 1)
 
     @property
     def method(self) -> str:
-        """How it was found."""
+        """The method of the estimate, in words."""
         if self.solved == self.squares:
             return f"estimated: all {self.squares} squares solved to the end"
         return f"estimated: {self.solved} of {self.squares} squares solved to the end, ±{100 * self.spread:.0f} %"
@@ -58,7 +62,7 @@ class Shortfall:
         return f"{self.decibels:.2g} dB below the optimum ({self.method})"
 
     def to_dict(self) -> dict[str, float | int]:
-        """For JSON."""
+        """Return values for JSON."""
         return {
             "below_optimum_db": round(self.decibels, 5),
             "next_doubling_db": round(self.doubling, 5),

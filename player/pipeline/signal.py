@@ -1,7 +1,8 @@
-"""How a medium's codes become light on the room's screen, all of it: what planes_to_linear is told.
+"""The complete path from a medium's codes to light on the room's screen: the parameters of planes_to_linear.
 
-A table (`lut`) comes between the viewer's controls and the transfer curve. Of the native type, it makes codes of the
-medium's own curve and primaries; of the type conversion, codes of an ordinary screen: HDR is then not mapped again.
+A lookup table (`lut`) acts between the viewer's controls and the transfer curve. Type native: the output codes have the
+medium's own curve and primaries. Type conversion: the output codes are those of an ordinary screen, and HDR is not
+mapped again.
 """
 
 from dataclasses import dataclass, replace
@@ -19,10 +20,13 @@ from counterlight.response import transfer_table
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """decoding : of the samples.  lift : added to every code.  transfer : (samples,) light over the code 0..1.
+    """The parameters of planes_to_linear.
 
-    lut : what codes within 0..1 become before that; None for what they are.
-    rendition : what light then goes through; None for the screen's own.
+    decoding : decoding of the samples.
+    lift : added to every code.
+    lut : table applied to codes within 0..1 before the transfer; None for none.
+    transfer : (samples,). Light over the code 0..1.
+    rendition : conversion of the light; None if the light is the screen's own.
     """
 
     decoding: Decoding
@@ -33,7 +37,7 @@ class Signal:
 
 
 def signal_of(pixels: PixelFormat, adjustments: Adjustments = NEUTRAL) -> Signal | None:
-    """The signal of a pixel format, as adjusted; None for radiance, which has no codes."""
+    """Return the adjusted signal of a pixel format; None for radiance, which has no codes."""
     if pixels.layout == "radiance":
         return None
     decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, adjustments)

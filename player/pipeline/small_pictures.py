@@ -1,4 +1,4 @@
-"""A rendered picture made small on its device, for whoever looks at the show from elsewhere."""
+"""Makes small copies of a rendered picture on its device, for remote viewers."""
 
 from counterlight.pipeline.device import Device, Light, Owner
 from counterlight.response import Response
@@ -7,9 +7,10 @@ LONGEST = 480  # pixels of the longer side, at most
 
 
 class SmallPicture:
-    """Means of blocks of linear light, as sRGB codes; the pixels that are left over at the right and below are cut off.
+    """Means of blocks of linear light, as sRGB codes. Pixels left over at the right and lower edge are cut off.
 
-    shape : (height, width) of the pictures.  white : their light of code 255.
+    shape : (height, width) of the pictures.
+    white : light of code 255.
     """
 
     def __init__(self, device: Device, shape: tuple[int, int], white: float) -> None:

@@ -1,12 +1,12 @@
-"""A square of a drive solved to the end, its surroundings held: how much better that part of a picture could be.
+"""Solves a square of a drive to the end, with its surroundings held, to find how much this part could gain.
 
 With r = b − T p, d = TᵀW r and P the prior of refinement.py, a change δ of the drive changes the objective by
 
-    −(d − P p)ᵀδ + ½ δᵀ(TᵀWT + P)δ,        0 ≤ p + δ ≤ 1,
+    −(d − P p)ᵀδ + ½ δᵀ(TᵀWT + P)δ,        0 ≤ p + δ ≤ 1.
 
-of which a square of the projector's picture needs p, d and its own rows of TᵀW alone: neither b nor any picture of
-the camera's. Far light counts in d; what δ itself changes of it is left out. The unweighted error is the same with
-w = 1 where a camera pixel is lit, else 0, and P = 0. survey.py makes a picture's figure of both.
+A square of the projector picture needs only p, d and its own rows of TᵀW for this; it needs neither b nor any camera
+picture. Far light is included in d, but the change of far light by δ is ignored. The unweighted error has the same form
+with P = 0, and w = 1 for lit camera pixels, else 0. survey.py combines both.
 """
 
 from typing import NamedTuple
@@ -22,17 +22,19 @@ from counterlight.pipeline.refinement import LARGEST_MOMENTUM, OVER_RELAXATION
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.float32]
 FIRST_LOOK, MOST_STEPS = 16, 2048
-SETTLED = 0.03  # of what is gained: where twice the steps bring less, a square is at its end
+SETTLED = 0.03  # if twice the steps gain less than this share of the total, a square counts as solved
 TO_THE_END = -1
-FAINTEST = 1e-12  # of the largest curvature: what is below lights nothing
+FAINTEST = 1e-12  # of the largest curvature; smaller values count as unlit
 
 
 class Square(NamedTuple):
-    """What decides over a part of the projector's picture.
+    """The part of the problem that belongs to a square of the projector picture.
 
-    indptr, indices, weights : its rows of TᵀW, as SparseRows'; the indices are among the camera pixels that it lights.
-    cameras, trust : which these are, and w of them, (camera pixels,).
-    step, damping, left, right, up, down : step sizes, η, and ω to each side, (height, width, 3).
+    indptr, indices, weights : the square's rows of TᵀW, as in SparseRows; indices count the camera pixels that it
+        lights.
+    cameras, trust : (camera pixels,). Index in the camera picture, and w, of these camera pixels.
+    step, damping : (height, width, 3). Step sizes and η.
+    left, right, up, down : (height, width, 3). ω of the tie on each side.
     """
 
     indptr: NDArray[np.uint64]
@@ -48,12 +50,12 @@ class Square(NamedTuple):
     down: Picture
 
     def gathered(self, light: NDArray[np.floating]) -> FloatArray:
-        """TᵀW of all the camera's pixels, (pixels, 3) -> (projector pixels, 3)."""
+        """Return TᵀW of a whole camera picture, (pixels, 3) -> (projector pixels, 3)."""
         return SparseRows(self.indptr, self.indices, self.weights, self.cameras.size).apply(light[self.cameras])
 
 
 def square_of(maps: RefinementMaps, part: tuple[slice, slice]) -> Square:
-    """Of what steps seek.  part : rows and columns of the projector's picture."""
+    """Return the square for the objective of the steps. part : rows and columns of the projector picture."""
     rows, prior = rows_of(maps.dual, part), maps.prior
     cameras, local = np.unique(rows.indices, return_inverse=True)
     left = np.pad(prior.right, ((0, 0), (1, 0), (0, 0)))[part]
@@ -70,9 +72,9 @@ def square_of(maps: RefinementMaps, part: tuple[slice, slice]) -> Square:
 
 
 def unweighted(square: Square, lit: NDArray[np.floating]) -> Square:
-    """Of the unweighted error over the lit camera pixels, in steps that never overshoot.
+    """Return the square for the unweighted error over the lit camera pixels, with step sizes that never overshoot.
 
-    lit : 1 or 0, (camera pixels,), of the whole picture.
+    lit : (camera pixels,) of the whole picture. 1 or 0.
     """
     chosen, none = lit.ravel()[square.cameras] > 0, np.zeros_like(square.step)
     scale = np.divide(1, square.trust, out=np.zeros_like(square.trust), where=chosen)
@@ -86,7 +88,7 @@ def unweighted(square: Square, lit: NDArray[np.floating]) -> Square:
 
 
 def seen_change(square: Square, change: FloatArray) -> FloatArray:
-    """TᵀWT δ, (height, width, 3)."""
+    """Return TᵀWT δ, (height, width, 3)."""
     found = np.zeros_like(change)
     _lit(square, change, np.zeros((square.trust.size, 3)), found)
     return found
@@ -96,11 +98,14 @@ def seen_change(square: Square, change: FloatArray) -> FloatArray:
 def descend(
     square: Square, drive: FloatArray, slope: FloatArray, ahead: FloatArray, made: int, most: int
 ) -> tuple[FloatArray, int]:
-    """Steps of refinement.py inside a square; drive, slope, ahead : p, d − P p and y − p, (height, width, 3).
+    """Make steps of refinement.py inside a square.
 
-    made : steps before these, whose schedule goes on for `most` steps; or TO_THE_END: momentum of Nesterov's, begun
-    anew where it leads uphill, until the square has SETTLED, or for `most` steps.
-    Returns δ and the steps.
+    drive, slope, ahead : (height, width, 3). p, d − P p and y − p.
+    made : number of earlier steps; the momentum schedule continues for `most` steps. TO_THE_END uses Nesterov's
+        momentum, restarted where it leads uphill, until the square has SETTLED.
+    most : largest number of steps.
+
+    Returns δ and the number of steps.
     """
     change, at, bent = np.zeros_like(drive), ahead.copy(), np.zeros_like(drive)
     seen, pace, momentum = np.zeros((square.trust.size, 3)), np.ones(3), np.zeros(3)
@@ -129,14 +134,14 @@ def descend(
 
 @kept(nogil=True, error_model="numpy")
 def _curved(square: Square, change: FloatArray, seen: FloatArray, out: FloatArray) -> None:
-    """out = (TᵀWT + P) δ; seen becomes T δ, (camera pixels, 3)."""
+    """Compute out = (TᵀWT + P) δ; `seen` becomes T δ, (camera pixels, 3)."""
     _pulled(square, change, out)
     _lit(square, change, seen, out)
 
 
 @kept(nogil=True, error_model="numpy")
 def _lit(square: Square, change: FloatArray, seen: FloatArray, out: FloatArray) -> None:
-    """out += TᵀWT δ."""
+    """Compute out += TᵀWT δ."""
     height, width, _ = change.shape
     seen[:] = 0
     for row in range(height * width):
@@ -163,7 +168,7 @@ def _lit(square: Square, change: FloatArray, seen: FloatArray, out: FloatArray) 
 
 @kept(nogil=True, error_model="numpy")
 def _pulled(square: Square, change: FloatArray, out: FloatArray) -> None:
-    """out = P δ, δ being 0 around the square."""
+    """Compute out = P δ, with δ = 0 around the square."""
     height, width, _ = change.shape
     for y in range(height):
         for x in range(width):
@@ -182,7 +187,7 @@ def _pulled(square: Square, change: FloatArray, out: FloatArray) -> None:
 def _stepped(
     square: Square, drive: FloatArray, slope: FloatArray, change: FloatArray, at: FloatArray, bent: FloatArray
 ) -> FloatArray:
-    """bent, (TᵀWT + P) at, becomes the next change; returns where momentum leads uphill, above 0, (3,)."""
+    """Replace bent, (TᵀWT + P) at, by the next change. Returns (3,); positive values say that momentum leads uphill."""
     height, width, _ = drive.shape
     uphill = np.zeros(3)
     for y in range(height):

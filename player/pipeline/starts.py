@@ -1,4 +1,4 @@
-"""Where refinement starts: the drive that the first step of a frame improves (`--refine-from`)."""
+"""The starts of refinement: the drive that the first step of a frame improves (`--refine-from`)."""
 
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
@@ -12,7 +12,7 @@ Correct: TypeAlias = Callable[[Light], Light]
 
 
 class Iterate(NamedTuple):
-    """p and y of player/pipeline/refinement.py, and how many steps led there since the last cut."""
+    """p and y of player/pipeline/refinement.py, and the number of steps since the last cut."""
 
     p: Light
     y: Light
@@ -20,32 +20,32 @@ class Iterate(NamedTuple):
 
 
 def standing(drive: Light) -> Iterate:
-    """A drive without momentum."""
+    """Return a drive as an iterate without momentum."""
     return Iterate(drive, drive, 0)
 
 
 class MapStart:
-    """clamp(T⁺ b), the thesis' method, or direct mapping.  correct : b -> that, p within 0..1."""
+    """Starts from clamp(T⁺ b), the thesis' method, or from direct mapping. correct : b -> p within 0..1."""
 
     def __init__(self, correct: Correct) -> None:
         self._correct = correct
 
     def advance(self, *, cut: bool) -> None:
-        """Nothing is carried over."""
+        """Does nothing: no state is carried over."""
 
     def run(self, b: Light) -> Iterate:
         return standing(self._correct(b))
 
     def keep(self, last: Iterate) -> None:
-        """Nothing is carried over."""
+        """Does nothing: no state is carried over."""
 
     def release(self) -> None:
-        """Nothing is held."""
+        """Does nothing: no resources are held."""
 
 
 class PreviousStart:
-    """p = clamp(T⁺ b + k), y = p + v: k is what refinement changed in the frame before, its last p less its T⁺ b, and v
-    the momentum that it ended with, y less p; both 0 after a cut.
+    """Starts from p = clamp(T⁺ b + k), y = p + v. k is the change by refinement in the previous frame: its last p minus
+    its T⁺ b. v is that frame's final momentum, y minus p. Both are 0 after a cut.
 
     correct : b -> T⁺ b, or direct mapping, not clamped.
     """
@@ -58,20 +58,20 @@ class PreviousStart:
         self._before, self._now = (own(_Carried(device, shape)) for _ in range(2))
 
     def advance(self, *, cut: bool) -> None:
-        """A new frame comes; cut: it has nothing to do with the one before."""
+        """Prepare for a new frame; `cut` says that it is unrelated to the previous one."""
         self._before, self._now = self._now, self._before
         self._now.steps = 0
         if cut or not self._before.steps:
             self._before.clear()
 
     def run(self, b: Light) -> Iterate:
-        """Where to start; the same for one frame however often it is drawn."""
+        """Return the start; it is the same however often a frame is drawn."""
         self._map = self._correct(b)
         p = self._start.run(first=self._map, second=self._before.change.target)
         return Iterate(p, self._ahead.run(first=p, second=self._before.momentum.target), self._before.steps)
 
     def keep(self, last: Iterate) -> None:
-        """Take what refinement made of it."""
+        """Store what refinement changed, for the next frame."""
         self._now.change.run(first=last.p, second=self._map)
         self._now.momentum.run(first=last.y, second=last.p)
         self._now.steps = last.steps
@@ -81,7 +81,7 @@ class PreviousStart:
 
 
 class _Carried:
-    """k, v and the steps of a frame, for the next one."""
+    """k, v and the number of steps of a frame, for the next frame."""
 
     def __init__(self, device: Device, shape: tuple[int, int]) -> None:
         self.change, self.momentum = (device.make_pass("combine.frag", shape, factor=-1.0) for _ in range(2))
@@ -98,7 +98,7 @@ class _Carried:
 
 
 class GreyStart(MapStart):
-    """The same grey everywhere."""
+    """Starts from uniform grey."""
 
     def __init__(self, device: Device, shape: tuple[int, int]) -> None:
         grey = device.picture(np.full((*shape, 3), GREY, np.float32))

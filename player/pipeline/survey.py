@@ -1,14 +1,15 @@
-"""Where a picture stands below the unweighted optimum, estimated: its squares solved to the end, or a sample of them.
+"""Estimates how far a picture is below the unweighted optimum, by solving all its squares, or a sample, to the end.
 
-A certificate (refinement.py) is a bound, and far from the truth. Errors that steps leave are of high frequency, for the
-low ones go first: a square that is solved with its surroundings held beyond a halo (squares.py) gains what it would
-gain among the others, to a few percent. Where the maps are too large for all squares, some are drawn by lot, rather
-those where one step would gain much, and what they gain is divided by their chances.
+A certificate (refinement.py) is only a bound, and far from the true value. The errors that steps leave have high
+spatial frequency, because steps remove low frequencies first. A square solved with its surroundings held beyond a halo
+(squares.py) therefore gains the same as in the whole picture, to within a few percent. If the maps are too large for
+all squares, a random sample is drawn, with higher probability where one step gains much. Gains are divided by these
+probabilities.
 
-For far light squares change together, which none of them knows of. So their changes go through it at last, and as much
-of them is taken as is best for all: α ≤ 1 of a change δ gains 2 α dᵀδ − α² ‖T δ‖², T with far light. The error is the
-unweighted one over the lit camera pixels, d = Tᵀ (b − T p). Steps seek what refinement seeks, and this error judges
-them.
+Far light couples all squares, but a single square ignores this coupling. The combined change δ is therefore applied to
+far light at the end and scaled by the best common factor: α ≤ 1 gains 2 α dᵀδ − α² ‖T δ‖², T with far light. The error
+is unweighted over the lit camera pixels, d = Tᵀ (b − T p). Refinement's objective drives the steps; this error judges
+the result.
 """
 
 from dataclasses import dataclass
@@ -33,18 +34,21 @@ from counterlight.pipeline.squares import (
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.float32]
 Part = tuple[slice, slice]
-SIDE, HALO = 32, 8  # of a square, and what is solved around it, projector pixels
-MOST_ENTRIES = 4_000_000  # of TᵀW that an estimate reads: a few seconds of one core
-FEWEST = 12  # squares, however many entries they have
+SIDE, HALO = 32, 8  # side of a square and width of its halo, projector pixels
+MOST_ENTRIES = 4_000_000  # entries of TᵀW that an estimate reads: a few seconds of one core
+FEWEST = 12  # least number of squares
 FAINTEST = 1e-6  # of white²: an error 60 dB below white counts as none
 
 
 @dataclass(frozen=True)
 class _Change:
-    """What a square, without its halo, would have changed, (height, width, 3).
+    """The change of a square, (height, width, 3).
 
-    square : of the unweighted error.  outer : with the halo, in the projector's picture.  inner : the square in that.
-    weight : how many it stands for.  lit : TᵀT of the change and its halo's, of near light.
+    square : of the unweighted error.
+    outer : the square with its halo, in the projector picture.
+    inner : the square within `outer`.
+    weight : number of squares that it represents.
+    lit : TᵀT of the change with its halo, near light only.
     """
 
     square: Square
@@ -55,12 +59,12 @@ class _Change:
     lit: FloatArray
 
     def along(self, picture: NDArray[np.floating]) -> float:
-        """Its inner product with a picture of the outer part."""
+        """Return the inner product of the change with a picture of the outer part."""
         return float(np.sum((self.change * picture)[self.inner]))
 
 
 class Survey:
-    """Estimates, picture by picture, for one room that has the maps of refinement.  white : radiance of a white one."""
+    """Estimates for the pictures of one room with the maps of refinement. white : radiance of a white picture."""
 
     def __init__(self, maps: RoomMaps, white: float) -> None:
         assert maps.refinement is not None
@@ -69,11 +73,11 @@ class Survey:
         entries = block_sum(self._maps.dual.lookup[..., 2].astype(np.int64), SIDE)
         self._shape, self._entries = entries.shape, int(entries.sum() * (1 + 2 * HALO / SIDE) ** 2)
         self._whole = self._entries <= MOST_ENTRIES
-        self._squares: dict[int, tuple[Square, Square]] = {}  # kept where all are solved every time
+        self._squares: dict[int, tuple[Square, Square]] = {}  # cached if all squares are solved every time
         self._lots = np.random.default_rng(0)
 
     def of(self, snapshot: Snapshot) -> Shortfall:
-        """The estimate; takes a second or two of one core, most of it without Python's lock."""
+        """Return the estimate. Takes a second or two of one core, mostly without Python's lock."""
         prior, p = self._maps.prior, snapshot.drive
         slope = snapshot.descent - pull(p, prior.damping, prior.right, prior.down).astype(np.float32)
         promised = block_sum(_promise(p, slope, self._maps.step_size), SIDE).ravel()
@@ -93,14 +97,14 @@ class Survey:
         )
 
     def _gain(self, changes: list[_Change], descent: Picture, *, shortened: bool) -> float:
-        """What Σ (T p − b)² loses by all changes; shortened : or by the best share of them."""
+        """Return the reduction of Σ (T p − b)² by all changes; `shortened` scales them by the best common factor."""
         along = sum(each.weight * each.along(descent[each.outer]) for each in changes)
         bent = sum(each.weight * each.along(each.lit) for each in changes) + self._bent_by_far_light(changes)
         share = min(max(along / bent, 0.0), 1.0) if shortened and bent > 0 else 1.0
         return float(2 * share * along - share**2 * bent)
 
     def _bent_by_far_light(self, changes: list[_Change]) -> float:
-        """‖T δ‖² less that of the near light."""
+        """Return ‖T δ‖² minus the share of near light."""
         if self._far is None:
             return 0.0
         drive = np.zeros((*self._maps.dual.output_shape, 3))
@@ -112,12 +116,12 @@ class Survey:
         return own + 2 * sum(each.weight * each.along(picture) for each, picture in zip(changes, seen, strict=True))
 
     def _chances(self, promised: FloatArray) -> FloatArray:
-        """Of each square in one lot: the same for all, or half of it in proportion to what a step would gain there."""
+        """Return the probability of each square per draw: uniform, or half of it proportional to a step's gain."""
         alike, total = np.full(promised.size, 1 / promised.size), promised.sum()
         return alike if self._whole or not total > 0 else (alike + promised / total) / 2
 
     def _draw(self, chances: FloatArray) -> list[tuple[int, float]]:
-        """Numbers of squares, and how many each stands for; drawn in steps of equal chance."""
+        """Return numbers of squares and how many each represents, by systematic sampling."""
         if self._whole:
             return [(number, 1.0) for number in range(chances.size)]
         count = max(MOST_ENTRIES * chances.size // self._entries, FEWEST)
@@ -127,7 +131,7 @@ class Survey:
         return list(zip(numbers.tolist(), (lots / (count * chances[numbers])).tolist(), strict=True))
 
     def _solve(self, snapshot: Snapshot, slope: Picture, number: int, weight: float) -> tuple[_Change, _Change]:
-        """A square to the end, and by as many steps again."""
+        """Solve a square to the end, and with as many further steps as the frame had."""
         outer, inner = self._part(number)
         sought, judged = self._squares.get(number) or self._square(outer)
         if self._whole:
@@ -142,12 +146,12 @@ class Survey:
         return best, further
 
     def _square(self, part: Part) -> tuple[Square, Square]:
-        """Of what steps seek, and of the unweighted error."""
+        """Return the square for the objective of the steps, and for the unweighted error."""
         sought = square_of(self._maps, part)
         return sought, unweighted(sought, self._maps.lit)
 
     def _part(self, number: int) -> tuple[Part, Part]:
-        """A square with its halo, and where in that the square is."""
+        """Return a square with its halo, and the position of the square within it."""
         outer, inner = [], []
         for at, length in zip(divmod(number, self._shape[1]), self._maps.dual.output_shape, strict=True):
             first, last = SIDE * at, min(SIDE * (at + 1), length)
@@ -160,14 +164,14 @@ class Survey:
 
 
 def _promise(p: Picture, slope: Picture, step: Picture) -> FloatArray:
-    """What one step would gain of the objective at least, pixel by pixel, all channels: (height, width)."""
+    """Return a lower bound of one step's gain in the objective per pixel, all channels: (height, width)."""
     change = np.clip(p + step * slope, 0, 1) - p
     curved = np.divide(change**2, step, out=np.zeros_like(change), where=step > 0)
     return np.asarray(np.sum(slope * change * (step > 0) - curved / 2, axis=2, dtype=np.float64))
 
 
 def _relative_error(changes: list[_Change], descent: Picture) -> float:
-    """Standard error of what is gained, over it, by how the squares' shares of it differ."""
+    """Return the relative standard error of the total gain, from the variation between squares."""
     shares = np.array([each.weight * each.along(2 * descent[each.outer] - each.lit) for each in changes])
     mean = shares.mean()
     return float(shares.std(ddof=1) / np.sqrt(shares.size) / mean) if shares.size > 1 and mean > 0 else 0.0

@@ -1,12 +1,13 @@
-"""Test cards at the projector's size, in linear drive: what to set a projector up with, sent as they are.
+"""Test cards at the projector's size, in linear drive, for setting up a projector. They are sent without compensation.
 
-grid : squares, circles that must be round, a red frame of the outermost pixels and corner marks: what is lost shows.
+grid : squares, circles that must look round, a red frame of the outermost pixels, and corner marks; shows lost edges.
 focus : a Siemens star in the middle and in each corner, and line pairs of 1, 2, 3 and 4 pixels.
-grey : eleven steps of equal sRGB code, up above and down below; between them the five codes next to black and to white.
-bars : the six colours between white and black, at full drive above and at three quarters of the code below.
-white, black : full and no drive; black shows what the projector leaks.
-gamma : lines that are on for 1/4, 1/2 and 3/4 of the rows beside an even field of that light, white, red, green and
-    blue. From afar the two are equal if the projector's response is the calibrated one.
+grey : eleven steps of equal sRGB code, rising at the top and falling at the bottom; between them the five codes nearest
+    to black and to white.
+bars : white, the six colours and black, at full drive in the upper part and at three quarters of the code below.
+white, black : full drive and no drive; black shows the light that the projector leaks.
+gamma : lines that are on for 1/4, 1/2 and 3/4 of the rows, next to an even field of the same light; white, red, green
+    and blue. From a distance both look equal if the projector's response is as calibrated.
 """
 
 from collections.abc import Callable
@@ -18,20 +19,20 @@ from counterlight.response import Response
 
 Card = NDArray[np.float64]
 
-STEPS, NEAR_ENDS = 11, 5  # grey steps; codes of 255 next to black and to white
-SQUARES = 12  # along the shorter side
+STEPS, NEAR_ENDS = 11, 5  # grey steps; number of codes nearest to black and to white
+SQUARES = 12  # number along the shorter side
 SPOKES = 36
 LINE_PAIRS = (1, 2, 3, 4)
 BARS = ((1, 1, 1), (1, 1, 0), (0, 1, 1), (0, 1, 0), (1, 0, 1), (1, 0, 0), (0, 0, 1), (0, 0, 0))
-SHARES = (1, 2, 3)  # of four rows
+SHARES = (1, 2, 3)  # of four rows that are on
 TINTS = ((1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 BACKGROUND = 0.5  # sRGB code
-LINE = 0.002  # half of a line's width, of the shorter side, and at least LEAST_LINE pixels
+LINE = 0.002  # half of a line's width, relative to the shorter side; at least LEAST_LINE pixels
 LEAST_LINE = 0.5
 
 
 def card(name: str, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """One of CARDS for a projector (height, width): linear drive, (height, width, 3)."""
+    """Draw one of CARDS for a projector (height, width): linear drive, (height, width, 3)."""
     return np.clip(_DRAWN[name](*shape), 0, 1).astype(np.float32)
 
 
@@ -47,7 +48,7 @@ def _grid(height: int, width: int) -> Card:
     cross = np.maximum(_stroke(x, half), _stroke(y, half)) * (radius < spacing)
     code = np.maximum(0.35 * lines, np.maximum(circles, cross))
     picture = _light(np.repeat(code[..., None], 3, axis=2))
-    edge = np.minimum(width / 2 - np.abs(x), height / 2 - np.abs(y))  # of the outermost pixels: 0.5
+    edge = np.minimum(width / 2 - np.abs(x), height / 2 - np.abs(y))  # 0.5 at the outermost pixels
     picture[edge < 1] = (1, 0, 0)
     for corner_x, corner_y in _corners(width, height, 0):
         arm = np.maximum(np.abs(x - corner_x), np.abs(y - corner_y)) < spacing
@@ -76,7 +77,7 @@ def _focus(height: int, width: int) -> Card:
 
 def _put_star(card: Card, x: Card, y: Card, radius: float) -> None:
     distance = np.hypot(x, y)
-    # Spokes' edges softened over a pixel, so that they end in grey and not in moiré.
+    # The edges of the spokes are softened over a pixel, so that the centre turns grey instead of moiré.
     wave = np.sin(SPOKES * np.arctan2(y, x)) * np.maximum(distance, 1e-9) / SPOKES
     inside = distance < radius
     card[inside] = np.clip(0.5 + wave, 0, 1)[inside]
@@ -119,7 +120,7 @@ def _light(codes: Card) -> Card:
 
 
 def _centred(height: int, width: int) -> tuple[Card, Card]:
-    """x and y of the pixels' centres from the middle, (height, width) each."""
+    """Return x and y of the pixel centres relative to the middle, (height, width) each."""
     y, x = np.mgrid[:height, :width].astype(float)
     return x - (width - 1) / 2, y - (height - 1) / 2
 
@@ -129,12 +130,12 @@ def _corners(width: int, height: int, inset: float) -> list[tuple[float, float]]
 
 
 def _to_nearest(position: Card, spacing: float) -> Card:
-    """Distance to the nearest multiple of `spacing`."""
+    """Return the distance to the nearest multiple of `spacing`."""
     return np.asarray(position - spacing * np.round(position / spacing))
 
 
 def _stroke(distance: Card, half_width: float) -> Card:
-    """Coverage of a line by its distance, softened over a pixel."""
+    """Return the coverage of a line by distance, softened over a pixel."""
     return np.clip(half_width + 0.5 - np.abs(distance), 0, 1)
 
 

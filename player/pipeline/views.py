@@ -1,11 +1,12 @@
-"""The views, and the colours of those that are maps: what they stand for, and how far their scales go.
+"""The views, and the colours and scales of the views that are maps.
 
-error : what the camera will see less what was asked, of the channel that is furthest off, in shares of white: blue is
-too dark, red too bright, full colour at ERROR_SPAN and beyond; near-black where no pixel counts.
-impossible : which camera pixels cannot be corrected, by the light of full drive against white; the first that holds.
-clipping : over a view, what is asked for beyond what can be shown: red above, blue below, half strength from CLIP_FAINT
-on and full at CLIP_SPAN. In the projector's view it is T⁺ b beyond 0..1; in the camera's it is near light beyond what
-full drive gives or below none, in shares of white: what is asked for less the ambient light and the far light.
+error : predicted camera picture minus target, of the worst channel, in shares of white. Blue is too dark, red is too
+    bright, with full colour at ERROR_SPAN and beyond; near-black pixels do not count.
+impossible : camera pixels that cannot be corrected, by the light of full drive relative to white; the first class that
+    applies.
+clipping : drawn over a view. It shows targets beyond the possible range: red above, blue below, half strength from
+    CLIP_FAINT on, and full strength at CLIP_SPAN. In the projector's view this is T⁺ b beyond 0..1. In the camera's
+    view it is near light below 0 or above full drive, in shares of white, after ambient and far light are subtracted.
 """
 
 import numpy as np
@@ -42,7 +43,7 @@ CLIPPING_LEGEND = (TOO_MUCH, "asked for beyond full light"), (TOO_LITTLE, "asked
 
 
 def linear(colour: tuple[int, int, int]) -> NDArray[np.float64]:
-    """8-bit sRGB as linear light, (3,)."""
+    """Convert 8-bit sRGB to linear light, (3,)."""
     return Response("srgb").to_linear(np.array(colour) / 255)
 
 
@@ -52,7 +53,7 @@ OVER, UNDER = linear(TOO_MUCH), linear(TOO_LITTLE)
 
 
 def error_colours() -> NDArray[np.float64]:
-    """Linear light over the error from −ERROR_SPAN to ERROR_SPAN, even in code values: (ERROR_SAMPLES, 3)."""
+    """Return linear light over errors from −ERROR_SPAN to ERROR_SPAN, even in code values: (ERROR_SAMPLES, 3)."""
     ends, grid = np.array([TOO_DARK, RIGHT, TOO_BRIGHT]) / 255, np.linspace(0, 1, ERROR_SAMPLES)
     codes = np.stack([np.interp(grid, [0, 0.5, 1], ends[:, i]) for i in range(3)], axis=-1)
     return Response("srgb").to_linear(codes)

@@ -1,4 +1,4 @@
-"""Views of one room played together: what they must have in common, and whose darkness holds where."""
+"""Several views of one room in one drive: what they must have in common, and where a prior may darken."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,13 +11,13 @@ from counterlight.errors import InputError
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.viewpoints import JOIN
 
-FAINTEST = 1e-5  # of a step's curvature: less is float32's rounding of the rest
+FAINTEST = 1e-5  # of a step's curvature; a smaller value is float32 rounding
 
 
 def check_views(views: Sequence[Calibration], where: str) -> None:
-    """InputError unless views have the same projectors, cameras of one size, and one screen.
+    """Raise InputError unless all views have the same projectors, cameras of one size, and one screen.
 
-    where : said of them.
+    where : prefix of the error message.
     """
     first = views[0]
     for number, view in enumerate(views[1:], 2):
@@ -31,10 +31,10 @@ def check_views(views: Sequence[Calibration], where: str) -> None:
 
 
 def with_shared_darkness(maps: Sequence[RoomMaps]) -> list[RoomMaps]:
-    """Maps of views, all with refinement's, none of which holds a projector pixel dark that another one sees.
+    """Return maps of views whose priors never darken a projector pixel that another view sees.
 
-    A view's prior draws to darkness what its camera does not see (docs/mathematics.md 2); between views that would
-    halve what the other asks for. So each has the least of all views' dampings η.
+    A view's prior darkens pixels that its camera does not see (docs/mathematics.md 2). Between views, this would halve
+    what another view needs. Each view therefore gets the smallest damping η of all views.
     """
     own = [each.refinement for each in maps if each.refinement is not None]
     least = reduce(np.minimum, (each.prior.damping for each in own))
@@ -46,7 +46,7 @@ def with_shared_darkness(maps: Sequence[RoomMaps]) -> list[RoomMaps]:
 
 
 def _step_size(old: RefinementMaps, new: RefinementMaps) -> np.ndarray:
-    """1 / (d + the new prior's bound), d being what the old steps had beside the old bound."""
+    """Return 1 / (d + the new prior's bound); d is the old curvature minus the old bound."""
     curvature = np.divide(1, old.step_size, out=np.zeros_like(old.step_size), where=old.step_size > 0)
     lit = curvature - old.prior.bound
     total = np.where(lit > FAINTEST * curvature, lit, 0) + new.prior.bound

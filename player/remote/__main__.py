@@ -1,7 +1,7 @@
-"""The process that serves a show's remotes: `python -m counterlight.remote`, started by the player alone.
+"""The process that serves a show's remotes: `python -m counterlight.remote`, started only by the player.
 
-Its standard input holds one line of JSON: `link`, the file descriptor of its connection to the show, and whichever of
-`web`, a TCP socket that listens, with its `token`, and `osc`, a UDP socket, are wanted. It ends when the show does.
+Its standard input holds one line of JSON. `link` is the file descriptor of its connection to the show. `web`, a
+listening TCP socket with its `token`, and `osc`, a UDP socket, are optional. The process ends with the show.
 """
 
 import asyncio
@@ -15,11 +15,14 @@ from typing import Any
 
 from counterlight.remote.link import Link
 
-GOODBYE_S = 0.25  # in which everybody hears what the show told last
+GOODBYE_S = 0.25  # time to deliver the show's last messages
 
 
 async def serve(told: dict[str, Any]) -> None:
-    """Until the show ends the connection. told : what standard input says."""
+    """Serve the remotes until the show closes the connection.
+
+    told : the JSON object of standard input.
+    """
     link = Link(_inherited(told["link"]))
     talking, serving = asyncio.create_task(link.run()), asyncio.create_task(_serve_others(link, told))
     await asyncio.wait([talking, serving], return_when=asyncio.FIRST_COMPLETED)
@@ -56,8 +59,8 @@ def _inherited(descriptor: int) -> socket.socket:
 
 
 def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the show, which then ends the connection
-    logging.disable()  # what strangers do, of which the packages say much, is no line of a show's log
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the show handles Ctrl-C and then closes the connection
+    logging.disable()  # the packages log every bad request, which does not belong in the show's log
     asyncio.run(serve(json.loads(sys.stdin.readline())))
 
 

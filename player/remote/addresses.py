@@ -1,8 +1,8 @@
-"""HOST:PORT: what is said of it on the command line, the socket there, and who may name it.
+"""HOST:PORT: parsing, the sockets for it, and the check of requests against foreign pages.
 
-A page of a stranger's, open in a browser, can reach what that browser's machine can: by a form, a WebSocket, or a name
-that its owner points here after it was loaded (DNS rebinding). So a request has to name this machine by a number or one
-of its own names, and a WebSocket has to come from this page.
+A foreign page in a browser can reach every address that the browser's machine can reach: by a form, a WebSocket, or a
+name that its owner redirects after loading (DNS rebinding). Therefore a request must name this machine by an IP address
+or one of its own names, and a WebSocket must come from this page.
 """
 
 import argparse
@@ -15,12 +15,15 @@ from counterlight.errors import InputError
 
 LOOPBACK = "127.0.0.1"
 BACKLOG = 64
-_DOCUMENTATION = "192.0.2.1", 9  # nobody is there, and nothing is sent: only the way there is looked up
+_DOCUMENTATION = "192.0.2.1", 9  # an unused address; nothing is sent, only the route is looked up
 
 
 @dataclass(frozen=True)
 class Address:
-    """host : a name, or a number as `ipaddress` takes it."""
+    """A host and a port.
+
+    host : a name, or an IP address as `ipaddress` accepts it.
+    """
 
     host: str
     port: int
@@ -29,13 +32,13 @@ class Address:
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
     def listen(self, option: str) -> socket.socket:
-        """A TCP socket that listens here; InputError where the system refuses."""
+        """Return a TCP socket that listens here. Raises InputError if the system refuses."""
         listener = self._bound(option, socket.SOCK_STREAM)
         listener.listen(BACKLOG)
         return listener
 
     def receive(self, option: str) -> socket.socket:
-        """A UDP socket here; InputError where the system refuses."""
+        """Return a UDP socket bound here. Raises InputError if the system refuses."""
         return self._bound(option, socket.SOCK_DGRAM)
 
     def _bound(self, option: str, kind: socket.SocketKind) -> socket.socket:
@@ -45,7 +48,7 @@ class Address:
         except OSError as error:
             raise InputError(f"{option} {self}: {error.strerror}; name an address of this machine") from None
         try:
-            if kind == socket.SOCK_STREAM:  # so that a player that was started again need not wait for old connections
+            if kind == socket.SOCK_STREAM:  # a restarted player need not wait for old connections
                 bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             bound.bind(place)
         except OSError as error:
@@ -57,9 +60,9 @@ class Address:
 
 
 def parse_address(text: str, port: int | None = None) -> Address:
-    """`HOST:PORT`, `PORT`, or, where there is a usual port, `HOST`; without a host, this machine alone.
+    """Parse `HOST:PORT`, `PORT` or, with a default port, `HOST`. Without a host, only this machine can connect.
 
-    ArgumentTypeError for what is neither.
+    Raises ArgumentTypeError for other text.
     """
     host, colon, number = text.rpartition(":")
     if not colon and text.isdecimal():
@@ -76,12 +79,12 @@ def parse_address(text: str, port: int | None = None) -> Address:
 
 
 def is_loopback(bound: socket.socket) -> bool:
-    """Whether only this machine reaches a socket."""
+    """Whether only this machine can reach a socket."""
     return ipaddress.ip_address(bound.getsockname()[0].partition("%")[0]).is_loopback
 
 
 def reachable(bound: socket.socket) -> Address:
-    """Where others find a socket: its own address, or that of this machine if it listens at all of them."""
+    """Return the address for other machines: the socket's address, or this machine's if it listens on all addresses."""
     host, port = bound.getsockname()[:2]
     if ipaddress.ip_address(host.partition("%")[0]).is_unspecified:
         host = _own_address() or socket.gethostname()
@@ -89,9 +92,9 @@ def reachable(bound: socket.socket) -> Address:
 
 
 def names_this_machine(host: str, *, local: bool) -> bool:
-    """Whether the Host header of a request is a number, or a name that nobody else can point here.
+    """Whether the Host header of a request is an IP address, or a name that no other machine can redirect.
 
-    local : whether only this machine is meant.
+    local : whether only loopback addresses and `localhost` are accepted.
     """
     name = host.rpartition(":")[0] if host.rpartition(":")[2].isdecimal() and not host.endswith("]") else host
     name = name.removeprefix("[").removesuffix("]").rstrip(".").lower()
@@ -104,12 +107,12 @@ def names_this_machine(host: str, *, local: bool) -> bool:
 
 
 def comes_from(origin: str, host: str) -> bool:
-    """Whether a page of `origin` (a request's header) was loaded from `host`, ours."""
+    """Whether the page of a request's Origin header was loaded from `host`."""
     return origin in (f"http://{host}", f"https://{host}")
 
 
 def _own_address() -> str | None:
-    """Of the way out of this machine; None if there is none."""
+    """Return this machine's address on its default route, None without a route."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(_DOCUMENTATION)

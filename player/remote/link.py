@@ -1,6 +1,6 @@
-"""The show, as its remotes know it: requests and their answers, and the values of its properties while somebody looks.
+"""The connection to the show: requests with their answers, and property values while a client watches.
 
-One connection for all: what twenty browsers see costs the show as much as what one sees.
+All remotes share one connection, so that twenty browsers cost the show as much as one browser.
 """
 
 import asyncio
@@ -12,16 +12,19 @@ from typing import Any
 
 from counterlight.unattended.json_lines import encode
 
-PATIENCE_S = 30.0  # for a show that is stopped, or reads its maps again
-LONGEST_LINE = 64 << 20  # bytes; a list of a hundred thousand media is 8 MiB
+PATIENCE_S = 30.0  # limit for a show that is stopped or reads its maps
+LONGEST_LINE = 64 << 20  # bytes; a list of a hundred thousand media takes 8 MiB
 AGAIN_S = 0.1
-_OBSERVED = 1  # the number under which everything is observed
+_OBSERVED = 1  # number of all observations
 
 Answer = dict[str, Any]
 
 
 class Link:
-    """hear : is told whatever the show tells without being asked."""
+    """The connection to the show.
+
+    hear : called with each event of the show.
+    """
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -29,12 +32,12 @@ class Link:
         self._connected, self._over = asyncio.Event(), False
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[Answer]] = {}
-        self.properties: Mapping[str, Answer] = {}  # what is to be known of each
+        self.properties: Mapping[str, Answer] = {}  # description of each property
         self.commands: Mapping[str, Answer] = {}
-        self.values: dict[str, object] = {}  # as told last, while they are observed
+        self.values: dict[str, object] = {}  # latest values while the properties are observed
 
     async def run(self) -> None:
-        """Until the show ends the connection."""
+        """Receive until the show closes the connection."""
         reader, self._writer = await asyncio.open_unix_connection(sock=self._connection, limit=LONGEST_LINE)
         self._connected.set()
         try:
@@ -48,12 +51,12 @@ class Link:
                     answer.set_result(_unanswered("the show has gone"))
 
     async def learn(self) -> None:
-        """Ask what there is to be asked; a show that still reads its room answers when it has done so."""
+        """Ask for the lists of commands and properties. A show that is still reading its room answers later."""
         self.commands = {each["name"]: each for each in await self._insist("get_property", "command-list")}
         self.properties = {each["name"]: each for each in await self._insist("get_property", "property-info")}
 
     async def ask(self, *words: object) -> Answer:
-        """A request of the control socket and its answer."""
+        """Send a request to the control socket, and return its answer."""
         await self._connected.wait()
         if self._over:
             return _unanswered("the show has gone")
@@ -71,7 +74,7 @@ class Link:
             del self._waiting[number]
 
     async def observe(self) -> None:
-        """Have every property told that costs the show nothing to read."""
+        """Observe every property that costs the show nothing to read."""
         for name, info in self.properties.items():
             if not info["costly"]:
                 await self.ask("observe_property", _OBSERVED, name)
@@ -81,7 +84,7 @@ class Link:
         self.values.clear()
 
     async def _insist(self, *words: object) -> list[Answer]:
-        """What is answered at last."""
+        """Repeat a request until it succeeds, and return its data."""
         while (answer := await self.ask(*words))["error"] != "success":
             await asyncio.sleep(AGAIN_S)
         found: list[Answer] = answer["data"]

@@ -1,11 +1,11 @@
-"""Open Sound Control over UDP: the same commands and properties by address.
+"""Open Sound Control over UDP: the same commands and properties, by address.
 
-    /counterlight/set/NAME VALUE       sets a property; numbers for flags, and rounded where it is a whole one
-    /counterlight/share/NAME 0..1      sets it to a share of its range, of its choices, or on from 0.5
+    /counterlight/set/NAME VALUE       sets a property; a number also sets a flag, and is rounded for an integer
+    /counterlight/share/NAME 0..1      sets a property to a share of its range or choices; a flag is on from 0.5
     /counterlight/get/NAME             is answered with /counterlight/NAME VALUE
     /counterlight/command/NAME …       runs a command; a result is answered with /counterlight/command/NAME RESULT
 
-What cannot be done is answered with /counterlight/error TEXT. A bundle's time is not waited for.
+An error is answered with /counterlight/error TEXT. The time tag of a bundle is ignored.
 """
 
 import asyncio
@@ -21,20 +21,20 @@ from pythonosc.osc_packet import OscPacket
 from counterlight.remote.link import Answer, Link
 
 ROOT = "/counterlight"
-MOST_WAITING = 256  # messages; what comes beyond is lost, as with any datagram
-LONGEST_TEXT = 1200  # bytes of an answer: one packet of any network, and no use to who would have it sent to another
-MOST_MESSAGES = 64  # of a packet
+MOST_WAITING = 256  # messages; further messages are lost, as with any datagram
+LONGEST_TEXT = 1200  # bytes of an answer: one packet on any network, too short for a reflection attack
+MOST_MESSAGES = 64  # messages per packet
 SMALLEST_INTEGER, LARGEST_INTEGER = -(2**31), 2**31 - 1
 
 Sender: TypeAlias = tuple[Any, ...]
 
 
 class UnreadError(ValueError):
-    """What an address or its arguments should have been."""
+    """An invalid address or argument. The message says what was expected."""
 
 
 class Osc(asyncio.DatagramProtocol):
-    """Answers go where a message came from."""
+    """Runs OSC messages and sends each answer to the sender."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -49,13 +49,13 @@ class Osc(asyncio.DatagramProtocol):
                 self._arrived.put_nowait((message.address, list(message.params), sender))
 
     async def run(self) -> None:
-        """Do what has arrived, one after the other."""
+        """Run the received messages in order."""
         while True:
             address, arguments, sender = await self._arrived.get()
             self._reply(sender, *await self._outcome(address, arguments))
 
     async def _outcome(self, address: str, arguments: Sequence[object]) -> tuple[str, object]:
-        """What is answered, and under which address; "" for nothing."""
+        """Return the address and the value of the answer. The address is "" for no answer."""
         try:
             what, name = _parts(address)
             answer = await self._link.ask(*self._words(what, name, arguments))
@@ -68,7 +68,7 @@ class Osc(asyncio.DatagramProtocol):
         return f"{ROOT}/command/{name}" if answer["data"] is not None else "", answer["data"]
 
     def _words(self, what: str, name: str, arguments: Sequence[object]) -> list[object]:
-        """A request of the control socket."""
+        """Return the request for the control socket."""
         if what == "command":
             if name not in self._link.commands:
                 raise UnreadError("no such command")
@@ -88,27 +88,27 @@ class Osc(asyncio.DatagramProtocol):
 
 
 def messages_of(packet: bytes) -> list[OscMessage]:
-    """A packet's messages; none if it is no OSC."""
+    """Return the messages of a packet. Empty if the packet is not OSC."""
     try:
         return [timed.message for timed in OscPacket(packet).messages[:MOST_MESSAGES]]
-    except Exception:  # python-osc lets a stranger's bytes fail in many ways
+    except Exception:  # python-osc raises many kinds of errors for malformed packets
         return []
 
 
 def value_of(info: Answer, argument: object) -> object:
-    """What a property is set to: faders and knobs send numbers, 32 bits long, whatever it is."""
+    """Convert an argument to the property's type. Faders and knobs send 32-bit numbers for every type."""
     if not isinstance(argument, bool) and isinstance(argument, int | float) and math.isfinite(argument):
         if info["type"] == "flag":
             return argument > 0
         if info["type"] == "integer":
             return round(argument)
         if info["type"] == "number":
-            return float(f"{argument:.7g}")  # 0.1 of 32 bits is 0.10000000149
+            return float(f"{argument:.7g}")  # 0.1 in 32 bits is 0.10000000149
     return _plain(argument)
 
 
 def share_of(info: Answer, argument: object) -> object:
-    """The value at a share of what a property can be."""
+    """Return the value at a share, from 0 to 1, of a property's range or choices."""
     share = argument if isinstance(argument, int | float) else math.nan
     if not 0 <= share <= 1:
         raise UnreadError(f"expected a share from 0 to 1, found {_plain(argument)!r}")
@@ -122,7 +122,7 @@ def share_of(info: Answer, argument: object) -> object:
 
 
 def reply(address: str, value: object) -> bytes:
-    """A message of one value: numbers as they are, flags as 1 and 0, nothing for null, lists and tables as JSON."""
+    """Encode a message with one value: a number, a flag as 1 or 0, nothing for null, JSON for lists and tables."""
     builder = OscMessageBuilder(address)
     if isinstance(value, bool):
         builder.add_arg(int(value), "i")
@@ -137,7 +137,7 @@ def reply(address: str, value: object) -> bytes:
 
 
 def _parts(address: str) -> tuple[str, str]:
-    """`/counterlight/set/brightness` -> set, brightness."""
+    """Split `/counterlight/set/brightness` into set, brightness."""
     parts = address.split("/")
     if len(parts) != 4 or parts[1] != ROOT[1:] or parts[2] not in ("set", "share", "get", "command"):
         raise UnreadError(f"expected {ROOT}/set|share|get|command/NAME")
@@ -145,7 +145,7 @@ def _parts(address: str) -> tuple[str, str]:
 
 
 def _plain(argument: object) -> object:
-    """An argument as JSON knows it."""
+    """Return an argument that JSON can represent. Raises UnreadError for others."""
     if argument is None or isinstance(argument, bool | int | float | str):
         return argument
     raise UnreadError("expected numbers, text, true, false or nothing")

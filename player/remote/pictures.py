@@ -1,4 +1,4 @@
-"""Small pictures of the show: made for whoever asks first, kept for whoever asks soon after."""
+"""Small pictures of the show, shared by all browsers: each picture is requested once and kept for later requests."""
 
 import asyncio
 import time
@@ -16,7 +16,7 @@ class Pictures:
         self._lock = asyncio.Lock()
 
     async def take(self, name: str, serial: object) -> Answer:
-        """The answer to `preview NAME SERIAL`; the show is asked for a picture five times a second at most."""
+        """Return the answer to `preview NAME SERIAL`. Asks the show for a picture at most five times per second."""
         async with self._lock:
             if time.monotonic() - self._asked_at.get(name, -INTERVAL_S) >= INTERVAL_S:
                 answer = await self._link.ask("preview", name, self._kept.get(name, {}).get("serial", -1))

@@ -1,4 +1,4 @@
-"""The word by which a browser proves that it may command the show: made once, kept, so that a bookmark lasts."""
+"""The token that lets a browser command the show. It is created once and stored, so that a bookmark stays valid."""
 
 import os
 import re
@@ -10,18 +10,21 @@ from pathlib import Path
 
 from counterlight.errors import InputError
 
-BYTES = 16  # that nobody guesses
-LONGEST = 1000  # bytes that are read
+BYTES = 16  # random bytes, too many to guess
+LONGEST = 1000  # bytes read from the file
 _WORD = re.compile(r"[\w-]{20,200}", re.ASCII)
 
 
 def default_path(environment: Mapping[str, str], home: Path) -> Path:
-    """Where the token is kept by the XDG Base Directory Specification."""
+    """Return the path of the token by the XDG Base Directory Specification."""
     return Path(environment.get("XDG_STATE_HOME") or home / ".local" / "state") / "counterlight" / "remote-token"
 
 
 def token_at(path: Path) -> str:
-    """The token that is kept at `path`, made if there is none; InputError if others could have read or put it there."""
+    """Return the token stored at `path`. Creates it if there is none.
+
+    Raises InputError if another user could have read or written the file.
+    """
     try:
         try:
             return _read(path)
@@ -41,8 +44,8 @@ def _make(path: Path) -> None:
     try:
         with os.fdopen(descriptor, "w") as file:
             file.write(secrets.token_urlsafe(BYTES))
-        with suppress(FileExistsError):  # another player has just made it
-            os.link(unborn, path)  # unlike a rename, never over another's
+        with suppress(FileExistsError):  # another player has just created it
+            os.link(unborn, path)  # unlike a rename, a link never replaces another file
     finally:
         unborn.unlink()
 

@@ -1,11 +1,11 @@
-"""One browser: what it asks is answered in its order, what it is told of the show is what is newest when it reads.
+"""One browser: answers its requests in order, and sends it the latest property values.
 
     in    {"command": ["set_property", "pause", true], "request_id": 7}       as at the control socket
     out   {"request_id": 7, "error": "success", "data": null}
     out   {"event": "properties", "values": {"pause": true, "time-pos": 3.2}}  what has changed
     out   {"event": "known", "commands": {…}, "properties": {…}}               at first
 
-Whoever does not read is not read either, and is sent away after a while; whoever asks too often is read more slowly.
+A browser that does not read is not read either, and is disconnected after a while. Too many requests are delayed.
 """
 
 import asyncio
@@ -20,11 +20,12 @@ from counterlight.remote.link import Answer, Link
 from counterlight.remote.pictures import Pictures
 from counterlight.unattended.json_lines import encode
 
-INTERVAL_S = 0.1  # between two tellings of what has changed
-PATIENCE_S = 15.0  # for one who does not read
-MOST_EVENTS = 3  # that wait for one who does not read
-A_SECOND, AT_ONCE = 30.0, 60.0  # requests
-REQUESTS = ("get_property", "set_property")  # beside the commands; what is told to all is nobody's to change
+INTERVAL_S = 0.1  # seconds between two messages about changes
+PATIENCE_S = 15.0  # for a browser that does not read
+MOST_EVENTS = 3  # events kept for a browser that does not read
+A_SECOND, AT_ONCE = 30.0, 60.0  # requests per second, and at once
+# allowed besides the commands; a visitor may not change the shared observations
+REQUESTS = ("get_property", "set_property")
 
 
 class Visitor:
@@ -38,7 +39,7 @@ class Visitor:
         self._awake.set()
 
     async def serve(self) -> None:
-        """Until it goes, or does not read."""
+        """Serve until the browser disconnects or does not read."""
         telling = asyncio.create_task(self._tell())
         try:
             async for message in self._connection:
@@ -48,10 +49,10 @@ class Visitor:
             pass
         finally:
             telling.cancel()
-            self._connection.transport.abort()  # what it has not read is nobody's any more
+            self._connection.transport.abort()  # unread data is discarded
 
     def hear(self, told: Answer) -> None:
-        """An event of the show's, to be passed on as soon as what went before has been read."""
+        """Queue an event of the show. It is sent once the browser has read the earlier messages."""
         if told["event"] == "property-change":
             self._news[told["name"]] = told["data"]
         else:
@@ -94,14 +95,14 @@ class Visitor:
 
 
 class Pace:
-    """So many a second, and at most so many at once."""
+    """Limits the rate of requests: `a_second` per second, and at most `at_once` in a burst."""
 
     def __init__(self, a_second: float, at_once: float) -> None:
         self._a_second, self._at_once = a_second, at_once
         self._left, self._looked = at_once, time.monotonic()
 
     def wait_s(self) -> float:
-        """Take one; how long to wait first."""
+        """Count a request, and return the seconds to wait before it."""
         now = time.monotonic()
         self._left = min(self._left + (now - self._looked) * self._a_second, self._at_once) - 1
         self._looked = now

@@ -1,7 +1,7 @@
-"""The page and its WebSocket: one port, four paths, a token without which nobody is heard.
+"""The page and its WebSocket: one port, four paths, and a token that every WebSocket needs.
 
-The page holds no secret; the token stands behind the # of its address, which browsers keep to themselves, and comes
-with the WebSocket as a protocol that the browser proposes.
+The page contains no secret. The token follows the # of the page's address, which browsers do not send. The WebSocket
+carries the token as a proposed subprotocol.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ from counterlight.remote.visitor import PATIENCE_S, Visitor
 
 PROTOCOL = Subprotocol("counterlight")
 MOST_VISITORS = 32
-LONGEST_MESSAGE = 8 << 10  # bytes, which as JSON in ASCII are fewer than the show reads
+LONGEST_MESSAGE = 8 << 10  # bytes; as ASCII JSON still fewer than the show's limit for a line
 HANDSHAKE_S = 5.0
 SOCKET = "/socket"
 PAGE = {
@@ -42,7 +42,7 @@ HEADERS = {
 
 
 class Web:
-    """Serves browsers at a socket that listens."""
+    """Serves browsers at a listening socket."""
 
     def __init__(self, listener: socket.socket, token: str, link: Link) -> None:
         self._listener, self._token, self._link = listener, token.encode(), link
@@ -70,7 +70,7 @@ class Web:
         )
 
     def hear(self, told: Answer) -> None:
-        """An event of the show's."""
+        """Pass an event of the show on to all browsers."""
         for visitor in self._visitors:
             visitor.hear(told)
 
@@ -80,14 +80,14 @@ class Web:
         try:
             await self._watch()
             await visitor.serve()
-        except Exception as error:  # a fault of ours is, and costs this visitor alone
+        except Exception as error:  # an internal error affects only this visitor
             tell(f"remote: a visitor was sent away: {error!r}")
         finally:
             self._visitors.discard(visitor)
             await self._watch()
 
     async def _watch(self) -> None:
-        """Have the show tell what changes for as long as anybody is here."""
+        """Observe the show's properties as long as a browser is connected."""
         async with self._watching:
             wanted = bool(self._visitors)
             if wanted != self._observed:
@@ -95,7 +95,7 @@ class Web:
                 await (self._link.observe() if wanted else self._link.look_away())
 
     def _look(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The answer to a request; None for a WebSocket that may be opened."""
+        """Return the response to a request, None to accept a WebSocket."""
         host, path = ",".join(request.headers.get_all("Host")), request.path.partition("?")[0]
         if not names_this_machine(host, local=self._local):
             return _refusal(http.HTTPStatus.MISDIRECTED_REQUEST, "name this machine by its number, or by its own name")
@@ -108,7 +108,7 @@ class Web:
         return self._refuse(request, host)
 
     def _refuse(self, request: Request, host: str) -> Response | None:
-        """Why a WebSocket may not be opened."""
+        """Return why a WebSocket is refused, None if it is accepted."""
         if not all(comes_from(origin, host) for origin in request.headers.get_all("Origin")):
             return _refusal(http.HTTPStatus.FORBIDDEN, "another site's page")
         proposed = ",".join(request.headers.get_all("Sec-WebSocket-Protocol")).split(",")

@@ -1,8 +1,8 @@
-"""A show in a window: what is played, when, and what those who watch it can do.
+"""Plays media in a window: what plays, when, and what viewers can control.
 
-show.py joins the rest, from loop to loop: session.py has media drawn, with playlist.py for what comes and playback.py
-for which frame is due; commands.py and properties.py are what keys, settings and remotes can do with it, by the
-registry; osd.py and stats_page.py are what is written over the picture. options.py holds counterlight play's options,
-asked.py what they ask for, into_file.py what they write.
-Knows no OpenGL: a display, a renderer and a clock are handed in. Read next: session.py.
+show.py is the main loop. session.py draws media; playlist.py and programme.py decide which medium plays, and
+playback.py which frame is due. commands.py and properties.py implement what keys, settings and remotes can control,
+through registry.py. overlay.py and stats_page.py write over the picture. options.py defines the options of counterlight
+play, asked.py interprets them, and into_file.py renders into a file.
+Knows no OpenGL: the display, the renderer and the clock are arguments. Read next: session.py.
 """

@@ -1,4 +1,4 @@
-"""How far the picture is from the best one: measured when somebody asks, estimated beside the show."""
+"""Measures the distance of the picture from the best picture: a certificate on request, estimates by a thread."""
 
 import time
 from collections.abc import Callable
@@ -12,14 +12,18 @@ from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.show.governor import Governor
 from counterlight.show.lookup import LookUp
 
-INTERVAL_S = 0.5  # between two measurements, at least
-ASKED_S = 10.0  # for which a remote that has asked where the picture stands is taken to go on asking
-LAST_S = 30.0  # how long the end of a show waits for an estimate
-REST = 50  # times what reading a snapshot back took: a fiftieth of the show's time
+INTERVAL_S = 0.5  # least time between two measurements
+ASKED_S = 10.0  # a remote that asked is taken to be interested for this long
+LAST_S = 30.0  # longest wait for an estimate at the end of a show
+REST = 50  # pause after a snapshot, in multiples of its read-back time: 2 % of the show's time
 
 
 class Appraisal:
-    """estimate : of a snapshot, run by a thread that then rests for as long.  clock : seconds, monotonic."""
+    """Keeps the latest certificate and the latest estimated shortfall of the picture.
+
+    estimate : estimates the shortfall of a snapshot. A thread runs it, then rests for as long as the estimate took.
+    clock : seconds, monotonic.
+    """
 
     def __init__(self, estimate: Callable[[Snapshot], Shortfall], clock: Callable[[], float]) -> None:
         self.certificate: Certificate | None = None
@@ -29,22 +33,22 @@ class Appraisal:
         self._running: LookUp[Shortfall] | None = None
 
     def ask(self) -> Shortfall | None:
-        """What is known; it is kept up for a while from now on."""
+        """Return the latest estimate, None if there is none yet. Estimates continue for ASKED_S from now on."""
         self._asked_at = self._clock()
         return self.shortfall
 
     @property
     def asked(self) -> bool:
-        """Whether somebody has asked lately."""
+        """Whether a remote has asked within the last ASKED_S."""
         return self._clock() - self._asked_at < ASKED_S
 
     def certify(self, renderer: Renderer, max_age_s: float) -> None:
-        """Measure the certificate again if what is known is older."""
+        """Measure the certificate again if the present certificate is older than `max_age_s`."""
         if self._clock() - self._measured_at >= max_age_s:
             self.certificate, self._measured_at = renderer.certificate(), self._clock()
 
     def look(self, renderer: Renderer) -> None:
-        """Have what is rendered estimated, unless an estimate is under way or the last one was just begun."""
+        """Start an estimate of the rendered picture, unless an estimate runs or the last one began too recently."""
         if self._running is not None or self._clock() < self._next_at:
             return
         began = time.perf_counter()
@@ -59,7 +63,7 @@ class Appraisal:
         self._running = LookUp(partial(self._estimate, snapshot))
 
     def poll(self, governor: Governor) -> None:
-        """Tell an estimate that has come; raises InputError, once, if none can be made."""
+        """Pass a finished estimate to the governor. Raises InputError, once, if no estimate can be made."""
         try:
             found = None if self._running is None else self._running.result()
         except InputError:
@@ -71,7 +75,7 @@ class Appraisal:
             governor.judged(found)
 
     def conclude(self, renderer: Renderer) -> None:
-        """Wait for an estimate if there is none: the show is over."""
+        """Wait up to LAST_S for an estimate at the end of the show, if there is none yet."""
         if self.shortfall is None:
             self._next_at = float("-inf")
             self.look(renderer)
@@ -79,11 +83,11 @@ class Appraisal:
                 self.shortfall = None if self._running is None else self._running.result(LAST_S)
 
     def to_dict(self) -> dict[str, float | int | None]:
-        """For JSON, what is known."""
+        """Return the certificate and the estimate for JSON, as far as they are known."""
         known = (self.certificate, self.shortfall)
         return {key: value for each in known if each is not None for key, value in each.to_dict().items()}
 
     def forget(self) -> None:
-        """Another room, or another medium: what is known is of something else."""
+        """Discard all results, because the room or the medium has changed."""
         self.certificate = self.shortfall = self._running = None
         self._measured_at = self._next_at = float("-inf")

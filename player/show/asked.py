@@ -1,4 +1,4 @@
-"""What the options of counterlight play ask for, each worked out once for window and file."""
+"""Converts the options of counterlight play into objects, for a window and for a file alike."""
 
 import argparse
 import math
@@ -23,18 +23,18 @@ WINDOW_ONLY = (
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
-    """The viewer's settings among the options; InputError for a colour table that cannot be read."""
+    """Return the viewer's settings among the options. Raises InputError for a colour table that cannot be read."""
     values = {field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
     return Adjustments(**values | {"lut": None if options.lut is None else read_cube(options.lut)})
 
 
 def monitors_of(options: argparse.Namespace) -> list[str]:
-    """The monitors that are named, one for each projector; settings may name a single one without a list."""
+    """Return the named monitors, one per projector. A settings file may name a single monitor without a list."""
     return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
 
 
 def room_of(options: argparse.Namespace) -> Room:
-    """Read from its folder; InputError for what contradicts itself there or among the options."""
+    """Read the room from its calibration folder. Raises InputError if the folder or the options are contradictory."""
     white = None if options.white == "auto" else options.white
     if options.backend == "cpu" and options.path is not None:
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
@@ -50,7 +50,10 @@ def room_of(options: argparse.Namespace) -> Room:
 
 
 def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor:
-    """usual : steps if nobody says how many.  A start that was given stays."""
+    """Return the governor for the options. A start that the options give is kept.
+
+    usual : steps if the options give no number.
+    """
     offers = room.offers if options.refine_from is None else ()
     quick = room.maps.correction_in_steps < room.maps.direct_in_steps + 1
     told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "quick": quick}
@@ -58,7 +61,7 @@ def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor
 
 
 def image_display_duration(options: argparse.Namespace) -> float | None:
-    """Seconds that a picture is shown; None for ever, which is what a single medium gets."""
+    """Return the seconds that a still picture is shown. None means without end, the default for a single medium."""
     given = options.image_display_duration
     if given is None:
         return LISTED_IMAGE_S if len(options.media) > 1 else None
@@ -66,8 +69,10 @@ def image_display_duration(options: argparse.Namespace) -> float | None:
 
 
 def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
-    """What a check of the room is told beside its folder, and every how many seconds one is due, inf for when it is
-    asked for; None for no checks."""
+    """Return the options for counterlight verify and the seconds between two checks of the room.
+
+    The interval is inf if checks run on request only. The result is None if there are no checks.
+    """
     if options.check_every is None and options.check_with is None:
         return None
     if options.check_with is None:
@@ -82,12 +87,12 @@ def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
 
 
 def coding_of(options: argparse.Namespace) -> Coding:
-    """How a video is written."""
+    """Return how a video is coded."""
     return Coding(options.codec, options.pix_fmt, options.crf)
 
 
 def one_medium(options: argparse.Namespace) -> Medium:
-    """The medium to render into a file."""
+    """Return the medium to render into a file. Raises InputError unless exactly one is given."""
     if len(options.media) != 1:
         raise InputError(f"--output renders one medium, found {len(options.media)}; give one")
     medium: Medium = options.media[0]
@@ -95,7 +100,7 @@ def one_medium(options: argparse.Namespace) -> Medium:
 
 
 def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
-    """A line for options of the command line that mean nothing to what is rendered into a file."""
+    """Return one line for each given option that has no effect when this medium is rendered into a file."""
     lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
     unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
     if options.output is not None and not is_film(options.output):

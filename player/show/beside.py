@@ -1,4 +1,4 @@
-"""What runs beside a show, as its options say: checks of the room, projectors, machines in step."""
+"""Starts what the options ask to run next to a show: checks of the room, projector power, synchronised machines."""
 
 import argparse
 import sys
@@ -16,7 +16,7 @@ from counterlight.unattended.room_checks import RoomChecks
 
 
 def checks_of(options: argparse.Namespace) -> RoomChecks | None:
-    """Of the room, by counterlight verify."""
+    """Return the checks of the room by counterlight verify, None if the options ask for none."""
     told = check_of(options)
     if told is None:
         return None
@@ -26,19 +26,19 @@ def checks_of(options: argparse.Namespace) -> RoomChecks | None:
 
 
 def lamps_of(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:
-    """The projectors of the schedule, on the stack."""
+    """Return the projectors of the schedule, None without a schedule. The stack closes them."""
     if options.schedule is None:
         return None
     try:
         lamps = Lamps(read_schedule(options.schedule).projectors)
-    except InputError:  # damaged since the supervisor began, which has said so
+    except InputError:  # damaged since the supervisor started, which has reported it
         return None
     stack.callback(lamps.close)
     return lamps
 
 
 def in_step_of(options: argparse.Namespace, session: Session, stack: ExitStack) -> list[Callable[[], None]]:
-    """What keeps a show in step with others, on the stack."""
+    """Return the poll functions that synchronise this show with other machines. The stack closes their sockets."""
     beside: list[Callable[[], None]] = []
     if options.lead is not None:
         beacon = Beacon(options.lead)

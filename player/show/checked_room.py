@@ -1,4 +1,4 @@
-"""The room of a show is looked at again between its media, and what a check has found is taken over."""
+"""Checks the room between media, and loads the correction that a check has found."""
 
 from counterlight.errors import InputError
 from counterlight.show.registry import CommandError, Commands
@@ -7,9 +7,9 @@ from counterlight.unattended.room_checks import Outcome, RoomChecks
 
 
 class CheckedRoom:
-    """Between two media where there are several; where there is one, when the time has come.
+    """Runs checks of the room: between two media or, if the list has one medium, whenever a check is due.
 
-    The medium stands still meanwhile: a check's pictures are over it.
+    The medium pauses during a check, because the check's pictures cover it.
     """
 
     def __init__(self, session: Session, commands: Commands, checks: RoomChecks) -> None:
@@ -22,14 +22,14 @@ class CheckedRoom:
         return self._checks.running
 
     def ask(self) -> str:
-        """Have the room looked at now, whether or not that is due."""
+        """Request a check now, whether or not a check is due."""
         if self._checks.running or self._asked:
             raise CommandError("check-room: a check is running")
         self._asked = True
         return "checking the room"
 
     def poll(self) -> None:
-        """Begin the check that is due, end the one that is done."""
+        """Begin a check that is due, and end a check that has finished."""
         session, checks = self._session, self._checks
         between = session.playback is not self._playing or len(session.playlist.media) < 2
         self._playing = session.playback
@@ -56,7 +56,7 @@ class CheckedRoom:
     def _take(self, outcome: Outcome) -> None:
         session, asked = self._session, self._asked
         self._asked = False
-        if session.manner.paused:  # else somebody has let it go on meanwhile
+        if session.manner.paused:  # otherwise the user has resumed playback
             session.manner.paused = self._paused
         if outcome.code:
             session.notice(f"the room's check: {outcome.said}")

@@ -1,6 +1,6 @@
-"""A client of a show: its requests answered, the properties that it observes told, a bounded number of bytes kept.
+"""A client of a show: answers its requests and reports the properties that it observes, with bounded buffers.
 
-control.py says what the lines are.
+control.py documents the lines.
 """
 
 import contextlib
@@ -15,15 +15,15 @@ from counterlight.errors import InputError
 from counterlight.show.registry import Commands
 from counterlight.unattended.json_lines import encode
 
-VERSION = 1 << 16  # of this protocol, as mpv counts: major << 16 | minor
+VERSION = 1 << 16  # version of this protocol, numbered as in mpv: major << 16 | minor
 MAX_LINE = 64 << 10  # bytes
-MAX_UNSENT = 256 << 10  # bytes; beyond it a client is neither read nor told of changes
-MAX_OBSERVED = 128  # properties a client
+MAX_UNSENT = 256 << 10  # bytes; a client with more unsent bytes is not read and gets no changes
+MAX_OBSERVED = 128  # properties per client
 _CHUNK = 16 << 10
 
 
 class Values(dict[str, object]):
-    """Values of properties, each asked for once a poll; None where there is none now."""
+    """Property values, each read at most once per poll. The value is None if the property has none now."""
 
     def __init__(self, commands: Commands) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class Values(dict[str, object]):
 
 
 class _RefusedError(Exception):
-    """mpv's word for it, and a line that says more."""
+    """A refused request: mpv's error word, and a line with the details."""
 
     def __init__(self, word: str, message: str) -> None:
         super().__init__(message)
@@ -53,7 +53,7 @@ _EXPECTED = '{"command": [NAME, ...], "request_id": N}'
 
 
 class Client:
-    """One connection: bytes that have arrived, bytes still to send, properties observed."""
+    """One connection: received bytes, bytes still to send, and observed properties."""
 
     def __init__(self, connection: socket.socket, name: str) -> None:
         self._socket, self._name = connection, name
@@ -78,7 +78,7 @@ class Client:
         }
 
     def receive(self, commands: Commands, deadline: float) -> None:
-        """Run the lines that have arrived until the deadline, one at least; what is left waits for the next poll."""
+        """Run the received lines until the deadline, at least one line. The remaining lines wait for the next poll."""
         while len(self._unsent) < MAX_UNSENT and not self.gone:
             line = self._next_line()
             if line is None:
@@ -91,12 +91,12 @@ class Client:
                 return
 
     def tell(self, event: str, **facts: object) -> None:
-        """Send an event, unless it is not wanted or what went before has not been read."""
+        """Send an event, unless the client has disabled it or too many bytes are unsent."""
         if len(self._unsent) < MAX_UNSENT and event not in self._deaf:
             self._unsent += encode({"event": event, **facts})
 
     def tell_changes(self, values: Values) -> None:
-        """Send the observed properties whose value is not what was sent last; only the latest value counts."""
+        """Send the observed properties whose value differs from the value sent last. Values in between are skipped."""
         for observation in self._observed:
             if len(self._unsent) >= MAX_UNSENT:
                 return
@@ -104,7 +104,7 @@ class Client:
                 self._unsent += observation.news(values[observation.name])
 
     def flush(self) -> None:
-        """Send what the client will take now."""
+        """Send as much as the client accepts now."""
         while self._unsent and not self.gone:
             try:
                 del self._unsent[: self._socket.send(self._unsent[:_CHUNK])]
@@ -117,7 +117,7 @@ class Client:
         self._socket.close()
 
     def _next_line(self) -> bytes | None:
-        """The next whole line; None if there is none yet. A line beyond MAX_LINE is thrown away as it comes."""
+        """Return the next whole line, None if none has arrived. Discards a line longer than MAX_LINE."""
         while True:
             end = self._arrived.find(b"\n")
             if end >= 0:
@@ -165,7 +165,7 @@ class Client:
             raise _RefusedError(_INVALID, f"{name}: not with these {len(arguments)} arguments") from None
         except _RefusedError:
             raise
-        except Exception as error:  # a stranger's line must not end the show
+        except Exception as error:  # a client's line must not end the show
             tell(f"control: {name} failed: {error!r}")
             raise _RefusedError(_FAILED, f"{name} failed: {error!r}") from None
 
@@ -176,7 +176,7 @@ class Client:
         self._observed.append(observation)
 
     def _unobserve(self, _: Commands, number: object) -> int:
-        """How many were observed under this number."""
+        """Stop observing the properties with this number, and return how many there were."""
         kept = [observation for observation in self._observed if observation.number != _expect(number, int)]
         count, self._observed = len(self._observed) - len(kept), kept
         return count
@@ -189,7 +189,7 @@ class Client:
 
 
 class _Observation:
-    """A property that a client wants to hear of, and what it has heard last."""
+    """A property that a client observes, with the value and the line sent last."""
 
     def __init__(self, number: int, name: str, text: bool) -> None:
         self.number, self.name, self._text = number, name, text
@@ -197,8 +197,8 @@ class _Observation:
         self._sent = b""
 
     def news(self, value: object) -> bytes:
-        """The line that tells a value, or nothing if that is what was told last."""
-        if self._sent and value == self._value:  # a list of thousands is not written to be compared
+        """Return the line that reports a value, or b"" if the client already has this value."""
+        if self._sent and value == self._value:  # avoids encoding a list of thousands only to compare it
             return b""
         data = as_text(value) if self._text else value
         line = encode({"event": "property-change", "id": self.number, "name": self.name, "data": data})
@@ -207,7 +207,7 @@ class _Observation:
 
 
 def as_text(value: object) -> str:
-    """A value as mpv writes it: yes and no, six decimals, JSON for what has parts."""
+    """Return a value in mpv's text form: yes and no, six decimals, and JSON for lists and objects."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -226,7 +226,7 @@ def _parse(line: bytes) -> dict[str, Any]:
 
 
 def _words(request: dict[str, Any]) -> list[Any]:
-    """The command of a request: a list that begins with a name."""
+    """Return the command of a request: a list that begins with a name."""
     words = request.get("command")
     if isinstance(words, list) and words and isinstance(words[0], str):
         return words

@@ -1,4 +1,4 @@
-"""The commands of a session (docs/player.md lists them): what keys, settings and remotes can do."""
+"""The commands of a session, for keys, settings and remotes. docs/player.md lists them."""
 
 import sys
 import time
@@ -29,9 +29,11 @@ LOADS = Choice(("replace", "append", "append-play", "insert-next", "insert-next-
 def commands_of(
     session: Session, check: Callable[[], object], checking: Callable[[], bool], lamps: Lamps | None = None
 ) -> Commands:
-    """Everything that can be done with a session.
+    """Return every command and property of a session.
 
-    check : begins a check of the room.  checking : whether one runs.  lamps : projectors that can be switched.
+    check : begins a check of the room.
+    checking : whether a check is running.
+    lamps : projectors that can be switched.
     """
     return Commands(_commands(session, _Actions(session, lamps), check), properties_of(session, checking, lamps))
 
@@ -90,7 +92,7 @@ def _commands(session: Session, do: "_Actions", check: Callable[[], object]) -> 
 
 
 class _Actions:
-    """What commands do; a text that is returned is also said on the screen when a key did it."""
+    """Implements the commands. When a key ran a command, a returned text is also shown on the screen."""
 
     def __init__(self, session: Session, lamps: Lamps | None) -> None:
         self._session, self._previews, self._lamps = session, Previews(session), lamps
@@ -133,7 +135,7 @@ class _Actions:
             session.playback.end()
 
     def playlist_move(self, position: object, before: object) -> None:
-        """As in mpv, `before` may be one more than the last position."""
+        """Move a medium. As in mpv, `before` may be the last position plus one."""
         first = self._position("playlist-move", position)
         self._session.programme.move(first, self._position("playlist-move", before, more=1))
 
@@ -189,14 +191,14 @@ class _Actions:
         return f"this is {self._session.display.monitor}"
 
     def reload(self) -> str:
-        """Whatever goes wrong with files, shaders or memory, the show goes on with what it has."""
+        """Read the maps, the colour table and the shaders again. After a failure the show keeps the old ones."""
         session = self._session
         try:
             lut = session.adjustments.lut and read_again(session.adjustments.lut)
             session.replace_renderer(session.room.reload())
             if lut is not None:
                 session.adjust(replace(session.adjustments, lut=lut))
-        except Exception as error:  # an edited shader can go wrong in any way
+        except Exception as error:  # an edited shader can fail in any way
             line = session.not_reloaded(error)
             session.stats.notice(line)
             raise CommandError(line) from None

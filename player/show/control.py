@@ -1,11 +1,11 @@
-"""The control socket: JSON lines over a Unix socket, in the manner of mpv's IPC (docs/unattended.md).
+"""The control socket: JSON lines over a Unix socket, modelled on mpv's IPC (docs/unattended.md).
 
     in    {"command": ["set_property", "pause", true], "request_id": 7}
     out   {"request_id": 7, "error": "success", "data": null}
     out   {"event": "property-change", "id": 1, "name": "pause", "data": true}
 
-Served from the player's own loop: a poll never waits, takes a few milliseconds at most, and keeps a bounded number of
-bytes for every client. Whoever does not read his answers is not read either until he does.
+The player's own loop serves the socket. A poll never waits and takes a few milliseconds at most. Each client has a
+bounded buffer. A client that does not read its answers is not read until it does.
 """
 
 import contextlib
@@ -23,16 +23,16 @@ POLL_S = 0.004  # a quarter of a frame at 60 Hz
 
 
 class Remote(Protocol):
-    """Somebody elsewhere who commands a show."""
+    """A source of commands outside the player's window."""
 
     def poll(self, commands: Commands) -> None:
-        """Answer what has arrived and tell what has changed; never waits."""
+        """Answer received requests and report changes. Never waits."""
 
     def close(self) -> None: ...
 
 
 class Clients:
-    """Who is connected, and what plays as far as they have been told."""
+    """The connected clients, and the medium that they were last told about."""
 
     def __init__(self) -> None:
         self._clients: list[Client] = []
@@ -48,18 +48,18 @@ class Clients:
         self._clients.append(Client(connection, f"ipc-{self._count}"))
 
     def poll(self, commands: Commands) -> None:
-        """Answer what has arrived, tell what has changed, forget who has gone; never waits."""
+        """Answer received requests, report changes, and drop closed connections. Never waits."""
         deadline = time.monotonic() + POLL_S
         for client in self._clients:
             client.receive(commands, deadline)
             if time.monotonic() > deadline:
                 break
-        self._clients = self._clients[1:] + self._clients[:1]  # nobody is always the last
+        self._clients = self._clients[1:] + self._clients[:1]  # rotates, so that no client is always served last
         self._tell(commands)
         self._sweep()
 
     def close(self) -> None:
-        """Say goodbye."""
+        """Send the event `shutdown` to every client and close the connections."""
         for client in self._clients:
             client.tell("shutdown")
             client.flush()
@@ -90,7 +90,7 @@ class Clients:
 
 
 class ControlServer:
-    """Listens at `path`, which only this user may open. Raises InputError when somebody else already does."""
+    """Listens at `path`, which only this user may open. Raises InputError if another process already listens there."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -100,12 +100,12 @@ class ControlServer:
         self._inode = status.st_dev, status.st_ino
 
     def poll(self, commands: Commands) -> None:
-        """Let in who has knocked, and serve everybody; never waits."""
+        """Accept new connections and serve all clients. Never waits."""
         self._accept()
         self._clients.poll(commands)
 
     def close(self) -> None:
-        """Say goodbye and remove the socket, unless another player has put its own there."""
+        """Close all connections and remove the socket file, unless another player has replaced the file."""
         self._clients.close()
         self._socket.close()
         with contextlib.suppress(OSError):
@@ -117,7 +117,7 @@ class ControlServer:
         for _ in range(MAX_CLIENTS):
             try:
                 connection, _ = self._socket.accept()
-            except OSError:  # nobody, or no file descriptor left: the next poll tries again
+            except OSError:  # no connection, or no file descriptor left: the next poll tries again
                 return
             if len(self._clients) >= MAX_CLIENTS:
                 connection.close()

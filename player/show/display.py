@@ -1,4 +1,4 @@
-"""What a session shows its pictures in; gl/ has the windows that do."""
+"""The display that a session needs. The windows in gl/ implement it."""
 
 from typing import Protocol
 
@@ -21,30 +21,30 @@ class Display(Protocol):
 
     @property
     def bits(self) -> int:
-        """Of a code value that it shows."""
+        """Bits per code value that the window shows."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """(height, width) of what text may cover."""
+        """(height, width) of the area that text may cover."""
 
     def poll(self, timeout_s: float) -> list[str]:
-        """Names of the keys pressed since the last call, waiting at most `timeout_s` for one."""
+        """Return the keys pressed since the last call. Waits at most `timeout_s` for a key."""
 
     def pointers(self) -> list[Pointer]:
-        """What the left mouse button has done since the last call."""
+        """Return the events of the left mouse button since the last call."""
 
     def notices(self) -> list[str]:
-        """What happened to the monitors since the last call."""
+        """Return one line for each change of the monitors since the last call."""
 
     def present(self, page: Page | None, *, black: bool) -> None:
-        """Show the rendered view with a page over it, or black."""
+        """Show the rendered view with `page` over it, or a black picture."""
 
     def set_fullscreen(self, on: bool) -> None: ...
 
     def set_title(self, title: str) -> None: ...
 
     def move_to(self, monitor: str) -> None:
-        """Go to the monitor of a name or number."""
+        """Move the window to a monitor, given by name or number."""
 
     def identify(self) -> None:
-        """Write its name on every monitor for a while."""
+        """Show each monitor's name on that monitor for a while."""

@@ -1,16 +1,16 @@
-"""Fades on a clock: how much of the light is shown, and how much is left of the medium that fades out."""
+"""Fades over time: how much of the light is shown, and the weight of a medium that fades out."""
 
 from collections.abc import Callable
 
 from counterlight.show.playback import Playback
 
-FADE_WAIT_S = 1 / 60  # between the pictures of a fade, where no frame is due
+FADE_WAIT_S = 1 / 60  # between two pictures of a fade while no frame is due
 
 
 class Fade:
-    """Share of the light: 0, black, at first, and on its way to 0 or 1 as long as `towards` asks for another.
+    """Share of the light that is shown: 0 (black) at first, then moving at a constant rate to the requested level.
 
-    seconds : from black to full light; 0 for at once.
+    seconds : time from black to full light; 0 switches at once.
     """
 
     def __init__(self, seconds: float, clock: Callable[[], float]) -> None:
@@ -19,7 +19,7 @@ class Fade:
         self._at_s: float | None = None
 
     def towards(self, level: float) -> float:
-        """The share now."""
+        """Move towards `level` and return the share at this time."""
         now_s = self._clock()
         spent_s, self._at_s = 0.0 if self._at_s is None else now_s - self._at_s, now_s
         step = spent_s / self.seconds if self.seconds else 1.0
@@ -28,12 +28,12 @@ class Fade:
 
 
 class Leaving:
-    """A medium that plays on while another fades in over `seconds`."""
+    """A medium that keeps playing while the next medium fades in over `seconds`."""
 
     def __init__(self, playback: Playback, seconds: float, clock: Callable[[], float]) -> None:
         self.playback, self._seconds, self._clock, self._began_s = playback, seconds, clock, clock()
 
     @property
     def weight(self) -> float:
-        """Share of its picture, from 1 to 0."""
+        """Share of the leaving medium in the picture, falling from 1 to 0."""
         return max(1.0 - (self._clock() - self._began_s) / self._seconds, 0.0)

@@ -1,4 +1,4 @@
-"""How many steps a frame gets, and from which start: what somebody asks for, what time allows, what a picture needs."""
+"""Chooses the start and the number of steps of each frame by the user's options, the available time and estimates."""
 
 import math
 from collections import deque
@@ -12,24 +12,30 @@ from counterlight.pipeline.shortfall import Shortfall
 
 Steps: TypeAlias = int | Literal["auto"]
 Limit: TypeAlias = float | Literal["no"]
-WELL_WITHIN = 1 / 3  # of the decibels allowed, below which fewer steps are tried
-FEWEST, FEWER, MORE = 1 / 2, 3 / 4, 4.0  # by what the steps change at a time: at least, at most; up, at most
-FALL = 0.6  # dB fall about with the 1.7th power of the steps
-RECENT, TELLING = 7, 3  # frames whose medians say what takes how long; how many choose a start
-TRIES = 5  # in a row that fail before it is said
+WELL_WITHIN = 1 / 3  # share of the allowed decibels; below it fewer steps are tried
+# factors per change of the steps: smallest and largest when falling, largest when rising
+FEWEST, FEWER, MORE = 1 / 2, 3 / 4, 4.0
+FALL = 0.6  # dB below the optimum are roughly proportional to steps^-1.7
+RECENT, TELLING = 7, 3  # frames in a median of times; frames needed to choose a start
+TRIES = 5  # failures in a row before a notice
 
 
 class Governor:
-    """Decides for one show; every frame, and every estimate of where one stands, is told to it.
+    """Chooses steps and start for one show. The caller reports each drawn frame and each estimate to it.
 
-    usual : steps that the room needs.  refine : steps, "auto", or None: the usual ones, fewer where frames would come
-    too late.  budget : milliseconds that drawing a frame may take.  within : dB below the optimum that are allowed.
-    start : where refinement starts.  offers : starts to choose from if nobody says how many steps.
-    quick : whether the map's picture takes less than one step from elsewhere: a budget may then have no step at all.
+    usual : steps that the room needs.
+    refine : steps, "auto", or None for the usual steps, fewer if frames would be late.
+    budget : milliseconds that drawing a frame may take.
+    within : allowed dB below the optimum.
+    start : the start of refinement.
+    offers : starts to choose from if the user gives no number of steps.
+    quick : whether the correction map takes less time than direct mapping with one step. Budgets may then allow 0
+        steps.
 
-    bare : what a frame without a step shows: "map", or "direct" where the map's picture does not fit into a budget.
-    step_s : seconds of a step, None until one was timed.  notice : takes a line for the user, once a medium.
-    looks : in a row that miss a promise before that is said.
+    bare : picture of a frame without a step: "map", or "direct" if the correction map does not fit into a budget.
+    step_s : seconds per step, None until a step was timed.
+    notice : takes a line for the user, at most once per medium.
+    looks : estimates in a row that miss the promise before a notice.
     """
 
     def __init__(
@@ -58,18 +64,21 @@ class Governor:
         self._adopt()
 
     def begin(self, interval_s: float | None) -> None:
-        """Another medium.  interval_s : from a frame to the next; None for a still."""
+        """Start another medium.
+
+        interval_s : seconds from one frame to the next; None for a still.
+        """
         self._interval_s = interval_s
         self._begin()
 
     def slow_to(self, interval_s: float) -> None:
-        """Frames of the same medium are shown at another rate."""
+        """Set another frame interval for the same medium."""
         self._interval_s = interval_s
         if self._time is not None and self._limit_s is not None:
             self._time.interval_s = self._limit_s
 
     def set_refine(self, steps: Steps) -> None:
-        """Somebody wants so many steps, or as many as fit: no longer a budget or a promise."""
+        """Use a fixed number of steps, or as many as fit. Cancels the budget and the promise."""
         self.refine, self._hurries, self.budget, self.within = steps, False, "no", "no"
         self._begin()
 
@@ -83,29 +92,33 @@ class Governor:
 
     @property
     def steps(self) -> int:
-        """For the next frame."""
+        """Steps of the next frame."""
         if self._time is None:
             return self._wish
         return max(min(self._time.steps, self._wish), self._least if self.governs else 0)
 
     @property
     def is_at_least(self) -> bool:
-        """Whether a frame cannot do with fewer steps."""
+        """Whether a frame has the fewest possible steps."""
         return self._time is None or self.steps <= self._time.least
 
     def took_ms(self, steps: int) -> float | None:
-        """What so many steps take, None until one was timed."""
+        """Return the milliseconds that `steps` steps take, None until a step was timed."""
         return None if self.step_s is None else 1000 * steps * self.step_s
 
     @property
     def governs(self) -> bool:
-        """Whether there is a budget or a promise to keep."""
+        """Whether a budget or a promise applies."""
         return self.budget != "no" or self.within != "no"
 
     def took(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
-        """What drawing a frame took.  stage_s : of its stages (pipeline/laps.py), empty where they were not timed.
+        """Record the time that drawing a frame took.
 
-        A first frame that takes too long says nothing: what it loads and touches first, later ones have at hand.
+        A first frame that takes too long is ignored, because it loads data that later frames find in memory.
+
+        seconds : time of the whole frame.
+        steps : number of steps in the frame.
+        stage_s : seconds per stage (pipeline/laps.py), empty if the stages were not timed.
         """
         cold, self._cold = self._cold, False
         if cold and self._time is not None and not self._time.fits(seconds):
@@ -117,7 +130,7 @@ class Governor:
         self._check_budget(seconds, steps, stage_s)
 
     def _measured(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
-        """Medians of the last frames: other work on the machine holds up one now and then."""
+        """Update the medians of the last frames. A median ignores a single frame that other processes delayed."""
         start_s, steps_s = stage_s.get("start", 0.0), stage_s.get("steps", 0.0)
         self._rests_s.append(seconds - start_s - steps_s)
         if steps:
@@ -132,7 +145,7 @@ class Governor:
             self._time.measured(rest_s + start_s, self.step_s)
 
     def judged(self, found: Shortfall) -> None:
-        """Where a picture stands that was drawn."""
+        """Adapt the steps to an estimate of a drawn picture."""
         if self.within == "no":
             return
         ratio, made = found.decibels / self.within, found.steps
@@ -148,18 +161,21 @@ class Governor:
 
     @property
     def _least(self) -> int:
-        """T⁺ b is worth showing without a step; other starts only where a budget leaves no time for more."""
+        """Fewest steps. T⁺ b is worth showing without a step, other starts only if a budget leaves no time for one."""
         if self.budget != "no" and (self._quick or self.bare == "direct"):
             return 0
         return int(self.start not in ("previous", "map"))
 
     @property
     def _limit_s(self) -> float | None:
-        """What a frame may take."""
+        """Seconds that a frame may take."""
         return self._interval_s if self.budget == "no" else self.budget / 1000
 
     def _adopt(self, otherwise: Steps | None = None) -> None:
-        """A budget or a promise prevails over a number of steps; otherwise : steps where there is neither any more."""
+        """Apply the budget and the promise, which override a number of steps.
+
+        otherwise : steps if neither applies any more.
+        """
         if self.governs:
             self.refine, self._hurries = "auto", False
         elif otherwise is not None:
@@ -179,7 +195,7 @@ class Governor:
             self._time = StepBudget(self._limit_s, most, self._clean_steps())
 
     def _clean_steps(self) -> int:
-        """The fewest that leave a clean picture, where no budget or promise says how many."""
+        """Return the fewest steps that leave a clean picture; 0 if a budget or a promise decides."""
         offer = next((offer for offer in self._offers if offer.start == self.start), None)
         return 0 if self.governs or offer is None else min(offer.curve.clean_steps, self._wish)
 
@@ -196,12 +212,14 @@ class Governor:
             self._time.most = steps
 
     def _choose(self, rest_s: float, start_s: float, step_s: float) -> None:
-        """Once for every wish, choose the start.
+        """Choose the start, once after each change of the options.
 
-        Without a wish, T⁺ unless it does not fit into a frame. With a budget or a promise, the start that gets nearer
-        within the budget, or sooner to what was promised.
+        Without a budget or a promise, the start is T⁺ if T⁺ fits into a frame. A budget chooses the start that comes
+        nearest to the optimum in time. A promise chooses the start that keeps the promise soonest.
 
-        rest_s : of a frame without start and steps.
+        rest_s : seconds of a frame without start and steps.
+        start_s : seconds of the present start.
+        step_s : seconds per step.
         """
         if self._chosen:
             return
@@ -223,9 +241,11 @@ class Governor:
         self.start = min(self._offers, key=rated).start
 
     def _leave_what_is_late(self, seconds: float) -> None:
-        """Start from direct mapping, with as many steps as that needs, where T⁺ takes too long for a frame.
+        """Switch to direct mapping, with as many steps as it needs, if T⁺ takes too long for a frame.
 
-        A clean picture must take less time that way.  seconds : of a frame without steps.
+        Switches only if direct mapping gives a clean picture in less time.
+
+        seconds : time of a frame without steps.
         """
         if self._time is None or self._time.fits(seconds) or not self._offers:
             return
@@ -242,7 +262,7 @@ class Governor:
         return "map" if self._time.fits(rest_s + in_steps.get("previous", 0.0) * step_s) else "direct"
 
     def _check_budget(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
-        """Say once that even the fewest steps take too long."""
+        """Notify once if even the fewest steps exceed the budget."""
         if self.budget == "no" or steps > self._least or 1000 * seconds <= self.budget:
             self._late = 0
             return
@@ -256,7 +276,7 @@ class Governor:
             )
 
     def _check_promise(self, found: Shortfall) -> None:
-        """Say once that time, or the number of steps, ends before a promise is kept."""
+        """Notify once if the time or the largest number of steps cannot keep the promise."""
         self._misses = self._misses + 1 if self.steps <= found.steps else 0
         if self._misses >= self.looks and not self._said:
             self._said = True
@@ -279,5 +299,5 @@ REMEDIES = {
 
 
 def remedy(stage_s: Mapping[str, float]) -> str:
-    """What makes the longest stage shorter."""
+    """Return the advice that shortens the longest stage."""
     return REMEDIES[max(stage_s, key=lambda stage: stage_s[stage])]

@@ -1,4 +1,4 @@
-"""Rendering without a window: a renderer, and every frame of a medium through it into a file."""
+"""Renders without a window: creates a renderer and passes every frame of a medium through it into a file."""
 
 import sys
 import time
@@ -28,17 +28,19 @@ if TYPE_CHECKING:
 
 FRAME_TIMEOUT_S = 120.0
 BACKENDS = ("auto", "gl", "cpu")
-MOST_REDRAWS = 12  # of a frame, until its steps are what they should be
-ENDLESS = 1 << 62  # frames, where nobody knows how many come
+MOST_REDRAWS = 12  # redraws of a frame until its steps suffice
+ENDLESS = 1 << 62  # stands for an unknown number of frames
 
 
 @contextmanager
 def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Iterator[Renderer]:
-    """A renderer without a window, released at the end.
+    """Yield a renderer without a window, and release it at the end.
 
-    backend : "gl", OpenGL through EGL, on one of PATHS; "cpu", compiled for the processor; or "auto", which says what
-    it chose: OpenGL where a GPU runs it, else the processor, on which OpenGL is slower (docs/gpu.md). A rule and no
-    measurement, so that a result repeats.
+    "auto" chooses OpenGL if a GPU runs it, otherwise the CPU, because software OpenGL is slower (docs/gpu.md). The
+    choice is printed. It follows a rule and not a measurement, so that results repeat.
+
+    backend : "gl", OpenGL through EGL; "cpu", compiled for the processor; or "auto".
+    path : one of PATHS, for OpenGL.
     """
     if backend not in BACKENDS or path not in PATHS:
         raise InputError(
@@ -57,7 +59,7 @@ def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Itera
 
 
 def chosen_backend(backend: str) -> str:
-    """ "gl" or "cpu": the same where every process chooses for itself."""
+    """Return "gl" or "cpu", the same choice in every process."""
     if backend != "auto":
         return backend
     with ExitStack() as stack:
@@ -65,7 +67,7 @@ def chosen_backend(backend: str) -> str:
 
 
 def _opengl(stack: ExitStack, *, chosen: bool) -> Any:
-    """A context of OpenGL on the stack; None where nobody has chosen OpenGL and no GPU runs it."""
+    """Return an OpenGL context on the stack. If no GPU runs OpenGL, return None unless OpenGL was `chosen`."""
     from counterlight.gl.context import headless_context, in_software
 
     try:
@@ -94,8 +96,8 @@ def _on_the_processor(room: Room) -> Renderer:
 
 
 def compile_passes() -> None:
-    """Have the passes of `--backend cpu` compiled, for this process and those that come, where that can be kept."""
-    # Not before it is used, because Numba takes half a second. The renderer imports every module with passes.
+    """Compile the passes of `--backend cpu`, and keep them for later processes if a folder is writable."""
+    # Imported late, because Numba takes half a second. The renderer imports every module with passes.
     from counterlight.pipeline import compiled, cpu_renderer  # noqa: F401
 
     how = "once" if compiled.is_kept() else "at every start, since no folder can be written (set NUMBA_CACHE_DIR)"
@@ -103,7 +105,7 @@ def compile_passes() -> None:
 
     def say(left: int) -> None:
         nonlocal said
-        if left != said:  # the loops of a pass are compiled one by one
+        if left != said:  # the loops of a pass are compiled separately
             tell(f"compiling for this processor, {how}: {left} passes left", sys.stdout)
         said = left
 
@@ -126,13 +128,16 @@ def render_to_file(
     sound: Path | None = None,
     coding: Coding = USUAL,
 ) -> Stats:
-    """Render a stretch of an open medium into `output`; returns what was counted and timed.
+    """Render a stretch of an open medium into `output`, and return counts and times.
 
-    before : takes the picture of the frame before the stretch, if that was drawn.  sound, coding : see open_output.
+    before : receives the picture of the frame before the stretch, if that frame was drawn.
+    appraised : whether to estimate how far the last frame is from the optimum.
+    sound : see open_output.
+    coding : see open_output.
 
-    For the camera's view the stats hold the mean PSNR against the desired picture inside the mask; where the room has
-    the maps for it, the steps of refinement, how far the last frame can be from the optimum and, if there is a promise
-    to keep or it is `appraised`, how far it is, and the worst frame, as estimated.
+    For the camera's view, the stats hold the mean PSNR against the target inside the mask. If the room has the maps of
+    refinement, they hold the steps and the bound on the last frame's distance from the optimum. With a promise or
+    `appraised`, they also hold the estimated distances of the last and of the worst frame.
     Raises InputError if the medium breaks off; the output is then removed.
     """
     stats, quality = Stats(), list[float]()
@@ -182,9 +187,9 @@ def render_to_file(
 
 
 class _Drawing:
-    """Draws frames with the steps that a governor wants; again while a picture misses what was promised, or is a still.
+    """Draws frames with the governor's steps. Redraws a picture that misses the promise, and a still with a budget.
 
-    told : to the renderer.
+    told : arguments of Renderer.render.
     """
 
     def __init__(
@@ -209,7 +214,10 @@ class _Drawing:
             self._worst_db = max(self._worst_db, self._found.decibels)
 
     def outcome(self, *, appraised: bool) -> dict[str, Any]:
-        """For JSON.  appraised : estimate where the last frame stands, if that is not known."""
+        """Return the result for JSON.
+
+        appraised : estimate the last frame's distance from the optimum if it is unknown.
+        """
         if appraised and self._found is None:
             self._appraise()
         if self._found is None:
@@ -236,14 +244,14 @@ class _Drawing:
 
     @cached_property
     def _survey(self) -> "Survey | None":
-        from counterlight.pipeline.survey import Survey  # Numba takes half a second: not before it is used
+        from counterlight.pipeline.survey import Survey  # imported late, because Numba takes half a second
 
         maps = self._room.maps
         return None if maps.refinement is None else Survey(maps, self._room.white)
 
 
 def _pass_over(reader: MediaReader, count: int) -> None:
-    """Leave out the first frames. They are decoded: a decoder that seeks may give other pictures at first."""
+    """Skip the first frames by decoding them, because a decoder that seeks may give other pictures at first."""
     for _ in range(count):
         frame = reader.next_frame(FRAME_TIMEOUT_S)
         if frame is None:

@@ -1,4 +1,4 @@
-"""The sound of a show's media, and why none is heard, told once."""
+"""The sound of a show's media, and a notice, once, of why there is no sound."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -10,21 +10,26 @@ from counterlight.media.medium import Medium
 
 
 class Hearing:
-    """audio : None without an output.  silence : why there is none; None: nobody wants any.  notice : takes a line."""
+    """Opens the sound of each medium.
+
+    audio : None without an output.
+    silence : why there is no output; None if the user wants no sound.
+    notice : takes a line for the user.
+    """
 
     def __init__(self, audio: AudioOutput | None, silence: str | None, notice: Callable[[str], None]) -> None:
         self._audio, self._silence, self._notice = audio, silence, notice
         self._prepared: tuple[Medium, Track] | None = None
 
     def prepare(self, info: MediaInfo, medium: Medium) -> None:
-        """Begin to decode the sound of the medium that comes next."""
+        """Begin to decode the sound of the next medium."""
         self.close()
         if self._audio is not None and _has_sound(info):
-            with suppress(InputError):  # which `track` tells
+            with suppress(InputError):  # `track` reports it
                 self._prepared = medium, self._audio.open(medium)
 
     def track(self, info: MediaInfo, medium: Medium) -> Track | None:
-        """The sound of a medium that has one, heard from now on in place of the one before."""
+        """Return the sound of a medium, None if it has none. The sound replaces the previous one from now on."""
         if not _has_sound(info):
             return None
         silence, self._silence = self._silence, None
@@ -40,14 +45,14 @@ class Hearing:
         return None
 
     def _take(self, medium: Medium) -> Track | None:
-        """What has been prepared, if it is this medium's."""
+        """Return the prepared track if it belongs to this medium, otherwise None."""
         if self._prepared is None or self._prepared[0] != medium:
             return None
         (_, track), self._prepared = self._prepared, None
         return track
 
     def close(self) -> None:
-        """Leave what has been prepared."""
+        """Close the prepared track."""
         if self._prepared is not None:
             self._prepared[1].close()
         self._prepared = None

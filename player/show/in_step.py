@@ -1,4 +1,4 @@
-"""Shows that keep in step: a leader says where it is, followers go there; or each begins by the clock on the wall."""
+"""Synchronises shows: followers go where the leader says it is, or each show begins at a time of day."""
 
 import time
 from collections.abc import Callable
@@ -10,12 +10,12 @@ from counterlight.show.playback import Playback
 from counterlight.show.session import Session
 from counterlight.unattended.cues import Beacon, Cue, Heard, Listener
 
-FAR_S = 1.0  # out of step by more, a follower seeks; by less, its media time is put right
-CLOSE_S, CLOSE_WITH_SOUND_S = 0.002, 0.03  # nothing is done about less: putting sound right is heard
-PUT_RIGHT_S, SEEK_S = 0.5, 2.0  # at most so often
-OTHER_ITEM_S, AGAIN_S = 0.5, 10.0  # how long another item plays before it is taken over, and tried again
+FAR_S = 1.0  # with a larger error a follower seeks; with a smaller error it shifts media time
+CLOSE_S, CLOSE_WITH_SOUND_S = 0.002, 0.03  # smaller errors are left alone, because correcting sound is audible
+PUT_RIGHT_S, SEEK_S = 0.5, 2.0  # shortest time between two shifts, and between two seeks
+OTHER_ITEM_S, AGAIN_S = 0.5, 10.0  # how long another item plays before it is selected, and before the next attempt
 LONGEST_SEEK_S = 5.0
-LATEST_START_S = 5.0  # that is made up for, where the first medium was not open in time
+LATEST_START_S = 5.0  # largest delay that is made up for if the first medium opened late
 HALF_A_DAY = timedelta(hours=12)
 
 
@@ -29,7 +29,7 @@ class Leader:
 
 
 def cue_of(session: Session) -> Cue:
-    """Where a show is now."""
+    """Return the position of a show now."""
     playback, at_s = session.playback, session.clock()
     if playback is None or session.programme.over:
         return Cue(at_s=at_s)
@@ -39,16 +39,16 @@ def cue_of(session: Session) -> Cue:
 
 
 class Follower:
-    """Goes where the leader is: item, pause, speed and time. While the leader is silent, the show goes on alone."""
+    """Follows the leader's item, pause, speed and time. While the leader is silent, the show goes on alone."""
 
     def __init__(self, session: Session, listener: Listener) -> None:
         self._session, self._listener = session, listener
         self._in_touch = False
-        self._other: tuple[int, float] | None = None  # an item that the leader plays and we do not, since when
-        self._tried: tuple[int, float] | None = None  # the one that was gone to last, when
-        self._stood: tuple[int, float] | None = None  # item and time at which the leader was found paused
+        self._other: tuple[int, float] | None = None  # an item that only the leader plays, and since when
+        self._tried: tuple[int, float] | None = None  # the item selected last, and when
+        self._stood: tuple[int, float] | None = None  # item and media time at which the leader was paused
         self._sought_at_s, self._seek_takes_s = float("-inf"), 0.0
-        self._seeks = False  # no frame has come of a seek
+        self._seeks = False  # whether a seek has not yet produced a frame
         self._errors: list[float] = []
         self._put_right_at_s = float("-inf")
 
@@ -81,7 +81,7 @@ class Follower:
         self._session.stats.facts["in_step"] = self._session.stats.facts.get("in_step", {}) | told
 
     def _plays(self, cue: Cue) -> bool:
-        """Whether we play what the leader plays; if not for a while, go there."""
+        """Whether this show plays the leader's item. Selects the item if the difference lasts."""
         session, now_s = self._session, self._session.clock()
         if cue.item == session.programme.on and not session.programme.over:
             self._other = None
@@ -115,7 +115,7 @@ class Follower:
         error_s, clock_s = _behind(playback, target_s), self._session.clock()
         if error_s is None:
             return
-        if self._seeks:  # its first frame tells how long it took
+        if self._seeks:  # the first frame after a seek shows how long the seek took
             self._seek_takes_s = min(max(self._seek_takes_s + error_s, 0.0), LONGEST_SEEK_S)
             self._seeks, self._put_right_at_s = False, float("-inf")
         if abs(error_s) <= FAR_S:
@@ -126,7 +126,7 @@ class Follower:
             playback.seek(_within(playback, target_s + self._seek_takes_s * playback.speed))
 
     def _put_right(self, playback: Playback, error_s: float) -> None:
-        """Shift media time by what errors were of late."""
+        """Shift media time by the median of the recent errors."""
         self._errors.append(error_s)
         clock_s = self._session.clock()
         if clock_s - self._put_right_at_s < PUT_RIGHT_S:
@@ -139,7 +139,7 @@ class Follower:
 
 
 class Curtain:
-    """A show that begins when the clock on the wall says so: black, and paused on its first frame, until then."""
+    """Starts a show at a time of day. Until then the picture is black, and the medium is paused on its first frame."""
 
     def __init__(self, session: Session, begins: datetime, clock: Callable[[], float] = time.time) -> None:
         self._session, self._begins_s, self._clock = session, begins.timestamp(), clock
@@ -165,12 +165,15 @@ class Curtain:
 
     @property
     def _late_s(self) -> float:
-        """How long ago it was to begin."""
+        """Seconds since the planned beginning; negative before it."""
         return self._clock() - self._begins_s
 
 
 def begins_at(words: str, now: datetime) -> datetime:
-    """`20:00:00` or `20:00`, nearest to now: one of the last twelve hours has passed. ValueError if it is none."""
+    """Return the occurrence of `20:00:00` or `20:00` nearest to `now`, up to twelve hours before or after it.
+
+    Raises ValueError if `words` is no time of day.
+    """
     said = datetime.strptime(words, "%H:%M:%S" if words.count(":") == 2 else "%H:%M")
     today = now.replace(hour=said.hour, minute=said.minute, second=said.second, microsecond=0)
     if today - now > HALF_A_DAY:
@@ -179,7 +182,10 @@ def begins_at(words: str, now: datetime) -> datetime:
 
 
 def _behind(playback: Playback, target_s: float) -> float | None:
-    """How far media time is behind a target, round about where the medium loops; None beyond the medium's end."""
+    """Return how many seconds media time is behind a target, None beyond the medium's end.
+
+    If the medium loops, the result is the shortest way around the loop.
+    """
     assert playback.now_s is not None
     error_s, duration_s = target_s - playback.now_s, playback.reader.info.duration_s
     if not duration_s:

@@ -1,4 +1,4 @@
-"""A medium rendered into a file, whole or in segments, as the options of counterlight play ask for it."""
+"""Renders a medium into a file, whole or in segments, as the options of counterlight play ask."""
 
 import argparse
 import os
@@ -23,13 +23,15 @@ from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.stats import Stats
 
-SEGMENTS_A_WORKER = 2  # so that one that is slower, or dies, is waited for less
+SEGMENTS_A_WORKER = 2  # short segments, so that a slow or failed worker costs less waiting
 
 
 def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustments: Adjustments) -> Stats:
-    """The medium of the options into their file; InputError for what is for a window, or would never end.
+    """Render the medium of the options into its output file.
 
-    read_room : called once the medium is open, for a large room takes a while to read.
+    Raises InputError for options that need a window, and for an output that would never end.
+
+    read_room : called after the medium is open, because reading a large room takes a while.
     """
     _check(options)
     with MediaReader.open(one_medium(options), loop=options.loop, frames_per_second=options.fps) as reader:
@@ -78,9 +80,9 @@ def _rendered(options: argparse.Namespace, reader: MediaReader, room: Room, adju
 
 @contextmanager
 def _sound(options: argparse.Namespace, reader: MediaReader) -> Iterator[Path | None]:
-    """The sound that a film is written with."""
-    silent = not is_video(options.output) or reader.info.still or reader.info.live or reader.medium.is_sequence
-    if silent or not options.audio:
+    """Yield the sound to write into the video, None if the output has no sound."""
+    info = reader.info
+    if not (options.audio and is_video(options.output) and info.sound) or info.still or info.live:
         yield None
     elif options.loop:
         tell("--loop: sound is copied once around only, so the output has none")
@@ -117,7 +119,7 @@ def _render_whole(
 
 
 def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) -> int:
-    """A still picture in a file has time for more than a frame of film in a window, if nobody says what is enough."""
+    """Return the default number of steps. A still picture in a file gets more, because no frame rate limits it."""
     return STEPS_OF_A_STILL if still and room.default_steps and options.within == "no" else room.default_steps
 
 

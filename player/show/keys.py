@@ -1,10 +1,10 @@
-"""Keys bound to commands: mpv's keys where mpv has the function, ours else; and the help page that lists them.
+"""Keys bound to commands, as in mpv wherever mpv has the function, and the help page that lists them.
 
-A key's name is the character that it types, "space", "left", "right", "up", "down", "escape", "enter", "tab",
-"backspace", "pageup", "pagedown", "home", "end", or one of these after "ctrl+" or "shift+" (characters after "ctrl+"
-only: shift is in the character); "double-click" and "wheel-up", "-down", "-left", "-right" are the mouse's.
-The default bindings of the mouse need Ctrl: an accidental touch must not change a show. While the picture is being
-placed, PLACING comes first.
+A key's name is the character that it types, or "space", "left", "right", "up", "down", "escape", "enter", "tab",
+"backspace", "pageup", "pagedown", "home", "end". The prefix "ctrl+" may precede any name. The prefix "shift+" may
+precede only the words, because a character already contains shift. The mouse has "double-click" and "wheel-up",
+"-down", "-left", "-right". The default bindings of the mouse need Ctrl, because an accidental touch must not change a
+show. While the picture is being placed, PLACING has priority.
 """
 
 import shlex
@@ -142,16 +142,16 @@ MEANINGS = {
     "place-save": "keep it",
     "place-cancel": "as it was",
 }
-ASIDE = ("stats", "help")  # what shows itself needs no word on the screen
+ASIDE = ("stats", "help")  # properties that show themselves need no message
 
 
 class Keys:
-    """Turns a pressed key into a command, and what it did into a line for the screen."""
+    """Runs the command that a key is bound to, and returns a line for the screen."""
 
     def __init__(self, commands: Commands, bindings: Mapping[str, str] | None = None) -> None:
-        """bindings : of the settings file, in place of ours; an empty command unbinds a key.
+        """Take the bindings of the settings file, which replace the defaults. An empty command unbinds a key.
 
-        Raises InputError for a binding that can never do anything.
+        Raises InputError for a binding that could never run.
         """
         for key, line in (bindings or {}).items():
             try:
@@ -163,7 +163,7 @@ class Keys:
         self._bindings = {key: words for key, words in {**KEYS, **(bindings or {})}.items() if words.strip()}
 
     def press(self, key: str, *, placing: bool) -> str:
-        """Run what the key is bound to; what the screen should say, or nothing. Unknown keys do nothing."""
+        """Run the key's command, and return the line for the screen or "". Unknown keys do nothing."""
         line = (PLACING.get(key) if placing else None) or self._bindings.get(key)
         if line is None:
             return ""
@@ -177,14 +177,14 @@ class Keys:
             return str(error)
 
     def help_cells(self, *, placing: bool) -> list[str]:
-        """Keys and what they do, a tab apart; keys that follow each other and do the same share a cell."""
+        """Return cells "KEYS<tab>MEANING". Neighbouring keys with the same meaning share a cell."""
         table = PLACING if placing else self._bindings
         meaning = groupby(table.items(), key=lambda pair: MEANINGS.get(pair[1], pair[1]))
         return [f"{'  '.join(key for key, _ in pairs)}\t{words}" for words, pairs in meaning]
 
 
 def check_bindings(bindings: Mapping[str, object]) -> dict[str, str]:
-    """A settings file's table of keys; CommandError for what is no key, or no command line."""
+    """Return a settings file's table of keys. Raises CommandError for an unknown key or a malformed command."""
     for key, words in bindings.items():
         bare = key.removeprefix(CTRL if key.startswith(CTRL) else SHIFT)
         if bare not in NAMES and (len(bare) != 1 or key.startswith(SHIFT)):

@@ -1,13 +1,18 @@
-"""Why frames come too late, said once a medium, with what to change."""
+"""Reports, once per medium, why frames are late and what to change."""
 
 from counterlight.show.stats import Stats
 
-WATCHED_S = 5.0  # of a medium, before anything is said of it
-DROPPED_SHARE = 0.2  # of the frames, from which it is
+WATCHED_S = 5.0  # shortest watching time of a medium before a report
+DROPPED_SHARE = 0.2  # share of dropped frames that causes a report
 
 
 class Lateness:
-    """Watches one medium.  rate : its frames a second.  began_s : clock time; `stats` counts on from media before."""
+    """Watches one medium.
+
+    stats : counts of the whole show, including earlier media.
+    rate : frames per second of the medium.
+    began_s : clock time at which the medium began.
+    """
 
     def __init__(self, stats: Stats, rate: float, began_s: float) -> None:
         self._stats, self._rate, self._began_s = stats, rate, began_s
@@ -15,9 +20,11 @@ class Lateness:
         self._said = False
 
     def advice(self, now_s: float, steps: int, every: int) -> str | None:
-        """A line as soon as too many frames were dropped, and still are, once.
+        """Return a line, once, if too many frames were dropped and not every frame is shown.
 
-        steps : of refinement, per frame.  every : how many frames one is shown of.
+        now_s : clock time.
+        steps : steps of refinement per frame.
+        every : n, if every n-th frame is shown.
         """
         if self._said or now_s - self._began_s < WATCHED_S:
             return None
@@ -42,7 +49,7 @@ class Lateness:
 
 
 def ordinal(number: int) -> str:
-    """2nd, 3rd, 4th, 11th, 21st."""
+    """Return "2nd", "3rd", "4th", "11th", "21st"."""
     ending = "th" if number // 10 % 10 == 1 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"
 

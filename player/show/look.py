@@ -1,4 +1,4 @@
-"""The colour table of a show: a property that names its file, read again when the show is told to reload."""
+"""The property `lut`: the colour table of a show, read again when the show reloads."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +11,7 @@ from counterlight.show.lookup import LookUp
 from counterlight.show.registry import CommandError, Property
 from counterlight.show.session import Session
 
-READ_S = 1.0  # of a disk that does not answer, the show waits no longer
+READ_S = 1.0  # longest time that the show waits for a disk
 
 
 def look_properties(session: Session) -> dict[str, Property]:
@@ -30,7 +30,7 @@ def look_properties(session: Session) -> dict[str, Property]:
 
 
 def read_again(cube: Cube) -> Cube:
-    """The table as its file has it now; InputError if that is damaged."""
+    """Read the table's file again. Raises InputError if the file is damaged."""
     return _read(partial(read_cube, cube.path))
 
 

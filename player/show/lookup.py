@@ -1,4 +1,4 @@
-"""Looking something up on a disk that may not answer, beside the show."""
+"""Runs disk accesses in threads, so that a disk that does not answer cannot delay the show."""
 
 import threading
 from collections.abc import Callable
@@ -7,14 +7,14 @@ from typing import Generic, TypeVar
 
 from counterlight.errors import InputError
 
-MOST_WAITING = 8  # threads that a dead disk holds; what is looked up then is not there yet
+MOST_WAITING = 8  # threads that a dead disk may block; further look-ups never return a result
 _waiting = threading.BoundedSemaphore(MOST_WAITING)
 
 T = TypeVar("T")
 
 
 class LookUp(Generic[T]):
-    """What a function finds, by a thread of its own that is left behind if it never ends."""
+    """Runs a function in its own daemon thread, which is abandoned if it never ends."""
 
     def __init__(self, find: Callable[[], T]) -> None:
         self._found: SimpleQueue[T | BaseException] = SimpleQueue()
@@ -22,7 +22,7 @@ class LookUp(Generic[T]):
             threading.Thread(target=self._run, args=(find,), name="look-up", daemon=True).start()
 
     def result(self, wait_s: float = 0.0) -> T | None:
-        """What was found, None while that is not known; raises what the function raised."""
+        """Return the function's result, None while it is unknown. Raises the exception that the function raised."""
         try:
             found = self._found.get(timeout=wait_s) if wait_s else self._found.get_nowait()
         except Empty:

@@ -1,4 +1,4 @@
-"""The media of a show: found within a border, opened by processes of their own."""
+"""Finds the media that users and remotes may name, and opens them in separate processes."""
 
 from functools import partial
 from pathlib import Path
@@ -11,8 +11,8 @@ from counterlight.media.video import MediaReader
 from counterlight.show.lookup import LookUp
 from counterlight.show.playlist import is_list, read_list
 
-BROWSE_S = 0.1  # that a show waits for a folder
-MOST_LISTED = 2000  # paths of a folder
+BROWSE_S = 0.1  # longest time that a show waits for a folder
+MOST_LISTED = 2000  # paths per folder
 
 
 def _listed(medium: Medium) -> dict[str, list[str]]:
@@ -29,28 +29,36 @@ def _listed(medium: Medium) -> dict[str, list[str]]:
 
 
 class Media:
-    """How media are found and opened.  frames_per_second : of numbered pictures.  hwdec : what decodes films."""
+    """Finds and opens media.
+
+    border : the files that may be named.
+    frames_per_second : rate of numbered pictures.
+    hwdec : the device that decodes films.
+    """
 
     def __init__(self, border: Border, frames_per_second: float | None = None, hwdec: str = PROCESSOR) -> None:
         self._border, self._frames_per_second, self._hwdec = border, frames_per_second, hwdec
 
     def medium(self, name: str) -> Medium:
-        """The medium that a key or a remote names; InputError if it may not."""
+        """Return the medium that a key or a remote names. Raises InputError if it is out of bounds."""
         medium = self._border.medium(name)
         medium.check()
         return medium
 
     def find(self, medium: Medium) -> list[Medium]:
-        """The same, or the media of a list; InputError if it is plain that they cannot be played. May take long."""
+        """Return the medium itself, or the media of a list. May take long.
+
+        Raises InputError if they obviously cannot be played.
+        """
         if is_list(medium):
             return read_list(medium, self._border)
         medium.look()
         return [medium]
 
     def browse(self, folder: str) -> dict[str, list[str]]:
-        """Paths of the folders and files in a folder; of the border's folders if that has no name.
+        """Return the paths of the folders and files in a folder, or the border's folders if `folder` is empty.
 
-        Names that begin with a dot are left out. InputError for a folder beyond the border, or a slow disk.
+        Names that begin with a dot are omitted. Raises InputError for a folder outside the border and for a slow disk.
         """
         if not folder:
             return {"folders": list(self._border.roots), "files": []}
@@ -60,7 +68,7 @@ class Media:
         return found
 
     def cube(self, name: str) -> Cube:
-        """The colour table that a key or a remote names; InputError for none, or one that it may not name."""
+        """Return the named colour table. Raises InputError if it cannot be read or is out of bounds."""
         return read_cube(self.medium(name).file(Path(name)))
 
     def begin(self, medium: Medium, *, loop: bool) -> MediaReader:

@@ -1,4 +1,4 @@
-"""Memory while a show runs for months: short garbage collections."""
+"""Keeps garbage collections short while a show runs for months."""
 
 import gc
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def short_collections() -> Iterator[None]:
-    """Keep what is alive now out of garbage collections, which then take a fraction of a frame's time."""
+    """Exclude the objects that exist now from garbage collections, which then take a fraction of a frame's time."""
     gc.collect()
     gc.freeze()
     try:

@@ -31,11 +31,14 @@ from counterlight.unattended.supervisor import SAFE
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
-    """Options over settings over defaults.
+    """Read the options. The command line overrides the settings file, which overrides the defaults.
 
-    given : names of those whose value is not the default.  keys : the settings' key bindings.
-    media : media/medium.py, `lists` expanded.  border : what others may name.
-    lasting : whether nobody is there to start the show again.
+    Adds these attributes:
+    given : names of the options whose value is not the default.
+    keys : key bindings of the settings file.
+    media : the media (media/medium.py), with the lists in `lists` expanded.
+    border : the files that lists and remotes may name.
+    lasting : whether the show must go on without a user.
     """
     parser = _parser(description)
     config = parser.parse_known_intermixed_args(argv)[0]
@@ -48,7 +51,7 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     options.given = {name for name, value in vars(options).items() if value != parser.get_default(name)}
     options.keys, options.lists = keys, [Medium(name) for name in options.media]
     roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
-    if not options.supervised:  # a folder that is mounted later is worth waiting for
+    if not options.supervised:  # a folder may be mounted later
         _check_folders(roots)
     options.border = Border.around(options.lists, roots, live=options.allow_live)
     remotes = options.control, options.remote, options.osc
@@ -77,7 +80,7 @@ def _parser(description: str) -> argparse.ArgumentParser:
 
 
 def _offer(parser: argparse.ArgumentParser, *names: str) -> None:
-    """Parameters of a show as options."""
+    """Add parameters of a show as options."""
     for name in names:
         row = PARAMETERS[name]
         if isinstance(row.kind, Flag):
@@ -275,7 +278,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         help="of counterlight verify: --camera CAMERA and what belongs to it;\nalone: for check-room",
     )
     _flag(parser, "supervise", False, "start the player again whenever it dies or hangs")
-    add("--supervised", action="store_true", help=argparse.SUPPRESS)  # said by the supervisor
+    add("--supervised", action="store_true", help=argparse.SUPPRESS)  # set by the supervisor
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
     text = (
         "TOML: when the show plays, by day and hour, and projectors that\n"
@@ -286,7 +289,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def _keys() -> str:
-    """The keys in lines of a terminal's width."""
+    """Return the keys in lines of a terminal's width."""
     lines = ["keys (? lists them over the picture):"]
     for key, command in KEYS.items():
         piece = f"{key} {MEANINGS[command]}"

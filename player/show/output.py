@@ -1,4 +1,4 @@
-"""Rendered frames into files: a picture, a numbered sequence, or a video. What fails leaves nothing half-written."""
+"""Writes rendered frames into files: a picture, a numbered sequence, or a video. A failure leaves no partial file."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,7 +28,7 @@ from counterlight.writing.outputs import check_file, check_sequence
 from counterlight.writing.replacing import replacing_file, replacing_sequence
 
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
-CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had
+CLOCK = Fraction(1, 90_000)  # time unit of a written video; each frame keeps its time
 USUAL_CRF = 14
 PART_TIMEOUT_S = 120.0
 BT709 = 1  # FFmpeg's number for the primaries, the transfer and the matrix of ITU-R BT.709
@@ -38,9 +38,9 @@ log_natively(av.logging.ERROR)
 
 @dataclass(frozen=True)
 class Coding:
-    """How a video is coded, in FFmpeg's words; None for the default of the container, which looks lossless.
+    """How a video is coded, in FFmpeg's terms. None is the default of the container, which looks lossless.
 
-    crf : 0, lossless or nearly so, to 63.
+    crf : quality, from 0 (lossless or nearly so) to 63.
     """
 
     codec: str | None = None
@@ -48,7 +48,7 @@ class Coding:
     crf: float | None = None
 
     def chosen(self, path: Path) -> str:
-        """The codec of a file; InputError for what FFmpeg cannot write there."""
+        """Return the codec for a file. Raises InputError if FFmpeg cannot write this coding there."""
         suffix = path.suffix.lower()
         given = {name: value for name, value in vars(self).items() if value is not None}
         if given and suffix not in VIDEOS:
@@ -78,7 +78,7 @@ class Rendered(Protocol):
 
 
 class Output(Protocol):
-    """Takes rendered frames one by one."""
+    """Takes rendered frames, each in turn."""
 
     single: bool
 
@@ -87,22 +87,27 @@ class Output(Protocol):
 
 @runtime_checkable
 class FilmOutput(Output, Protocol):
-    """Takes parts of a film as well."""
+    """An output that also takes parts of a film."""
 
     def append(self, part: Path, times_s: Sequence[float]) -> NDArray[Any]:
-        """Take the frames that another output wrote, of this kind or without loss; returns the last one."""
+        """Append the frames of a part that another output wrote, and return the last picture.
+
+        part : a lossless video, or a numbered sequence with this output's suffix.
+        times_s : time of each frame.
+        """
 
 
 @contextmanager
 def open_output(
     path: Path, frames_per_second: float, sound: Path | None = None, coding: Coding = USUAL
 ) -> Iterator[Output]:
-    """Open `path` for rendered frames; whatever was written is removed again if the block fails.
+    """Open `path` for rendered frames. Everything written is removed if the block fails.
 
-    sound : what a video takes beside its pictures, of copied_sound; a line says where its container cannot.
+    A `.png` file and a video hold the encoded view, `.exr` holds the linear view, `name%05d.png` numbers the pictures.
+    Raises InputError as `check_output` does, and if another process is writing to `path`.
 
-    `.png` holds the encoded view, `.exr` the linear one, `name%05d.png` numbers them, a video holds the encoded view.
-    Raises InputError as `check_output` does, and where another process is writing it.
+    sound : file from copied_sound, added to a video. A line reports a container that cannot hold it.
+    coding : how a video is coded.
     """
     check_output(path, coding=coding)
     if path.suffix.lower() in VIDEOS:
@@ -117,10 +122,7 @@ def open_output(
 
 
 def check_output(path: Path, *, inputs: Iterable[Path] = (), coding: Coding = USUAL) -> None:
-    """InputError for a suffix that is not written, a place where nothing can be, and what would overwrite an input.
-
-    Also for a coding that FFmpeg does not offer.
-    """
+    """Raise InputError for an unknown suffix, an unwritable place, an overwritten input, or an impossible coding."""
     check_file(path, suffixes=PICTURES + VIDEOS, inputs=inputs)
     if coding != USUAL:
         coding.chosen(path)
@@ -137,12 +139,12 @@ def is_film(path: Path) -> bool:
 
 
 def is_video(path: Path) -> bool:
-    """Whether an output holds sound as well."""
+    """Whether an output can hold sound."""
     return path.suffix.lower() in VIDEOS
 
 
 def write_picture(path: Path, renderer: Rendered) -> None:
-    """One rendered view: 8-bit PNG of the code values, or float32 EXR of the linear light."""
+    """Write one rendered view: 8-bit PNG of the code values, or float32 EXR of the linear light."""
     if path.suffix.lower() == ".exr":
         exr.write_rgb(path, renderer.linear())
     else:
@@ -150,7 +152,7 @@ def write_picture(path: Path, renderer: Rendered) -> None:
 
 
 def read_written(path: Path) -> NDArray[Any]:
-    """What `write_picture` wrote."""
+    """Read a picture that `write_picture` wrote."""
     return exr.read_rgb(path) if path.suffix.lower() == ".exr" else read_picture(path)
 
 
@@ -165,7 +167,7 @@ class _PictureOutput:
 
 
 class _SequenceOutput:
-    """Files numbered from 0 in a folder."""
+    """Files in a folder, numbered from 0."""
 
     single = False
 
@@ -186,14 +188,14 @@ class _SequenceOutput:
 
 
 class _VideoOutput:
-    """H.264 in BT.709 limited range, VP9 for .webm, or lossless FFV1 for .mkv, unless the coding says otherwise."""
+    """H.264 in BT.709 limited range, VP9 for .webm, or lossless FFV1 for .mkv, unless `coding` differs."""
 
     single = False
 
     def __init__(self, path: Path, frames_per_second: float, sound: Path | None, coding: Coding) -> None:
         self._codec, self._coding = coding.chosen(path), coding
         self._stack = ExitStack()
-        self._container = av.open(f"file:{path}", "w")  # else a colon in the name would be taken for a protocol
+        self._container = av.open(f"file:{path}", "w")  # otherwise FFmpeg takes a colon in the name for a protocol
         self._rate = Fraction(frames_per_second).limit_denominator(1001)
         self._pix_fmt = coding.pix_fmt or ("bgr0" if self._codec == "ffv1" else "")
         self._stream: av.VideoStream | None = None
@@ -220,7 +222,7 @@ class _VideoOutput:
         stream = self._stream or self._add_stream(picture)
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
         if self._is_yuv(stream):
-            # Without this, FFmpeg converts with BT.601 whatever the stream's tags say.
+            # Without this, FFmpeg converts with BT.601 regardless of the stream's tags.
             frame = frame.reformat(
                 format=stream.pix_fmt, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
             )
@@ -272,7 +274,7 @@ class _VideoOutput:
     ) -> None:
         with self._stack:
             if kind is not None:
-                with suppress(av.FFmpegError):  # of what the block failed of already
+                with suppress(av.FFmpegError):  # the block has already failed
                     self._container.close()
                 return
             if self._sound is not None:

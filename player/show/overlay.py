@@ -1,4 +1,4 @@
-"""What is written and drawn over the picture: a message, the pages of keys and statistics, the outline of placing."""
+"""Text and lines over the picture: messages, pages of keys and statistics, and the outline during placing."""
 
 from dataclasses import replace
 
@@ -22,12 +22,12 @@ class Overlay:
         self._outlined: tuple[object, Outline] | None = None
 
     def page(self) -> Page | None:
-        """What is over the picture now; the same one as long as nothing changes."""
+        """Return the page over the picture now. The page is the same object while nothing changes."""
         page, outline = self._text(), self._outline()
         return page if outline is None else replace(page or Page(()), outline=outline)
 
     def _outline(self) -> Outline | None:
-        """Of the picture that is being placed; made anew when the corners, the view or the room have changed."""
+        """Return the outline of the placed picture, reused until the corners, the view or the room change."""
         session = self._session
         placing, view = session.placing, session.view
         if placing is None:
@@ -38,7 +38,7 @@ class Overlay:
         return self._outlined[1]
 
     def _text(self) -> Page | None:
-        """What is written over the picture; the statistics' figures stand still for PAGE_INTERVAL_S."""
+        """Return the text over the picture. The statistics change at most once per PAGE_INTERVAL_S."""
         session = self._session
         text, opacity = session.message.text, session.message.opacity
         if session.help_page:
@@ -61,7 +61,7 @@ class Overlay:
         return Page((text,), opacity=opacity, size=MESSAGE_SIZE) if text else None
 
     def _legends(self) -> tuple[Legend, ...]:
-        """What the colours of the view stand for."""
+        """Return the meaning of the view's colours."""
         session = self._session
         showing = session.adjustments.card is None and session.rendered and not session.blackout
         if not session.writes or not showing:

@@ -1,24 +1,26 @@
-"""An even frame rate where drawing a frame takes longer than the frame lasts: every second frame, every third, …"""
+"""Keeps the frame rate even on a slow machine by showing only every second frame, every third frame, and so on."""
 
 import math
 from collections import deque
 from statistics import median
 
-WINDOW_S = 1.0  # that is judged at a time
-FEWEST = 4  # frames in a window
-MISSED = 0.1  # share of the groups, from which a rate is too high
-GAPS = 2  # in a window: a single one is a hiccup, whatever its length
-LATE_WINDOWS = 2  # in a row, from which a rate is too high
-SHARE = 0.9  # of the time between two frames that drawing may take before a higher rate is tried
-FIRST_PATIENCE, MOST_PATIENCE = 2, 128  # windows in time before a higher rate is tried; doubled by each try that fails
+WINDOW_S = 1.0  # length of the window in which a rate is judged
+FEWEST = 4  # fewest frames in a window
+MISSED = 0.1  # share of missed groups that makes a rate too high
+GAPS = 2  # fewest gaps in a window; a single gap of any length is ignored
+LATE_WINDOWS = 2  # late windows in a row that make a rate too high
+SHARE = 0.9  # share of the frame interval that drawing may take before a higher rate is tried
+# windows without delay before a higher rate is tried; each failed try doubles their number
+FIRST_PATIENCE, MOST_PATIENCE = 2, 128
 
 
 class Pace:
-    """Chooses `every`: the player shows every n-th frame of a medium, n as small as the machine can draw in time.
+    """Chooses `every` = n, so that the player shows every n-th frame. n is the smallest that can be drawn in time.
 
-    Frames are counted in groups of `every`; a group of which no frame was shown is missed.
+    Frames are counted in groups of `every`. A group is missed if none of its frames was shown.
 
-    interval_s : from one frame of the medium to the next.  every : to begin with.
+    interval_s : time between two frames of the medium.
+    every : initial value.
     """
 
     def __init__(self, interval_s: float, every: int = 1) -> None:
@@ -30,10 +32,12 @@ class Pace:
         self._began_s = 0.0
 
     def shown(self, time_s: float, at_s: float, drawn_s: float, *, may_slow: bool) -> bool:
-        """Count a frame; returns whether `every` has changed.
+        """Count a shown frame, and return whether `every` has changed.
 
-        time_s : of the frame, in the medium.  at_s : clock time.  drawn_s : seconds that drawing the frame took.
-        may_slow : whether frames cannot be drawn in less time by other means.
+        time_s : time of the frame in the medium.
+        at_s : clock time.
+        drawn_s : seconds that drawing the frame took.
+        may_slow : whether nothing else can make drawing faster, so that the rate may fall.
         """
         group = self.group(time_s)
         self._drawn_s.append(drawn_s)
@@ -50,11 +54,11 @@ class Pace:
         return changed
 
     def group(self, time_s: float) -> int:
-        """Number of the group that a frame belongs to."""
+        """Return the number of the group that a frame belongs to."""
         return math.floor(time_s / (self.every * self.interval_s) + 1e-3)
 
     def next_s(self, time_s: float) -> float:
-        """Time in the medium at which the next group begins."""
+        """Return the time in the medium at which the next group begins."""
         return (self.group(time_s) + 1) * self.every * self.interval_s
 
     def _chosen(self, groups_per_frame: float, may_slow: bool) -> int:

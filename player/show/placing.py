@@ -1,17 +1,22 @@
-"""Placing the picture in the camera's view by hand: move, scale, pull a corner, undo."""
+"""Places the picture in the camera's view by hand: move, scale, drag a corner, undo."""
 
 from dataclasses import dataclass, field
 
 from counterlight.errors import InputError
 from counterlight.pipeline.placement import Corners, check_corners
 
-REACH = 0.04  # how far from a corner, in views, the mouse takes hold of it
+REACH = 0.04  # distance from a corner, in views, within which the mouse grabs the corner
 CORNER_NAMES = ("upper left", "upper right", "lower right", "lower left")
 
 
 @dataclass
 class Placing:
-    """corners : now.  before : when it began.  corner : the index of the selected one; None for the whole picture."""
+    """The state of placing.
+
+    corners : the present corners.
+    before : the corners at the beginning.
+    corner : index of the selected corner; None for the whole picture.
+    """
 
     corners: Corners
     before: Corners | None
@@ -24,14 +29,14 @@ class Placing:
         self._put(self._moved(dx, dy))
 
     def grab(self, x: float, y: float) -> None:
-        """Take hold of the corner that is there, or else of the whole picture."""
+        """Grab the corner near (x, y), or else the whole picture."""
         away = [max(abs(x - corner_x), abs(y - corner_y)) for corner_x, corner_y in self.corners]
         self.corner = away.index(min(away)) if min(away) <= REACH else None
         self._held = x, y
         self._history.append(self.corners)
 
     def drag(self, x: float, y: float) -> bool:
-        """Pull what is held there; False if nothing is, or if the picture cannot stand so."""
+        """Move the grabbed part to (x, y). Returns False if nothing is grabbed or the picture would become invalid."""
         if self._held is None:
             return False
         a, b, c, d = self._moved(x - self._held[0], y - self._held[1])
@@ -56,19 +61,19 @@ class Placing:
         self._put(list(corners))
 
     def refit(self, corners: Corners) -> None:
-        """Begin from the corners of another medium; nothing has been moved yet, and a hold stays."""
+        """Start from the corners of another medium. Clears the history and keeps a grab."""
         self.corners = corners
         self._history = [] if self._held is None else [corners]
 
     def undo(self) -> bool:
-        """Take the last change back; False if there is none."""
+        """Undo the last change. Returns False if there is none."""
         if not self._history:
             return False
         self.corners = self._history.pop()
         return True
 
     def select_next(self) -> None:
-        """The whole picture, then each corner clockwise from the upper left."""
+        """Select the next part: the whole picture, then each corner clockwise from the upper left."""
         following = 0 if self.corner is None else self.corner + 1
         self.corner = following if following < len(CORNER_NAMES) else None
 
@@ -77,7 +82,7 @@ class Placing:
         return "whole picture" if self.corner is None else f"{CORNER_NAMES[self.corner]} corner"
 
     def _moved(self, dx: float, dy: float) -> list[tuple[float, float]]:
-        """The corners, of which the selected one, or all, are moved."""
+        """Return the corners with the selected corner, or all corners, moved."""
         return [
             (x + dx, y + dy) if self.corner in (None, index) else (x, y) for index, (x, y) in enumerate(self.corners)
         ]

@@ -1,4 +1,4 @@
-"""One medium against a clock: which frame is due, pause, seek, step, speed, A-B loop. Knows no renderer, no window."""
+"""Plays one medium against a clock: due frames, pause, seek, step, speed, A-B loop. Knows no renderer and no window."""
 
 import math
 from collections.abc import Callable
@@ -10,16 +10,17 @@ from counterlight.media.video import MediaReader
 from counterlight.show.pacing import Pace
 
 MORE_THAN_ROUNDING_S = 1e-3
-ROUNDING = 0.25  # of a frame: what ends so much later than the next group begins is of the group before
-TOLERATED_S = 0.02  # frames may be that late whatever their rate
-DECODER_WAIT_S = 0.002  # between looks at a decoder that is behind
-HELD_S = 0.25  # how long an overtaken frame waits for the decoder to bring a newer one
-HURRIED_S = 2.0  # how long none waits after that was in vain
+# share of a frame's duration; a frame that ends less than this after a group's beginning belongs to the group before
+ROUNDING = 0.25
+TOLERATED_S = 0.02  # tolerated delay at any frame rate
+DECODER_WAIT_S = 0.002  # poll interval while a decoder is behind
+HELD_S = 0.25  # how long a late frame is held back for a newer frame
+HURRIED_S = 2.0  # how long no frame is held back after a frame was held in vain
 
 
 @dataclass
 class Manner:
-    """How media are played: what a person has set stays from one to the next, and holds before there is any."""
+    """How media are played. The user's settings last across media and apply before the first medium."""
 
     loop: bool
     speed: float
@@ -27,17 +28,22 @@ class Manner:
 
 
 class Playback:
-    """Says which frame of a reader is due: the last whose time media time has reached; the overtaken are dropped.
+    """Returns the frame that is due: the last frame whose time has come. Drops and counts earlier frames.
 
-    Whoever renders for longer than the reader's ring lasts would find only old frames in it, older every time. So the
-    decoder is told what will have been overtaken by then, and a frame that nevertheless comes too late is held back
-    until a newer one arrives. Media time waits for a decoder that cannot keep up; `stalled_s` says how long.
+    A slow renderer would find only old frames in the reader's ring, older each time. Therefore the decoder skips frames
+    that will be over before the next request. A frame that still comes too late is held back until a newer frame
+    arrives. Media time waits for a decoder that is too slow; `stalled_s` counts this time.
 
-    clock : seconds, monotonic.  hold_s : how long a still is shown; None for ever.
-    sound : the medium's; while it is heard, its clock leads.
-    begins_s : clock time at which the first frame should stand on the screen; None for as soon as it can.
-    seamless : the reader itself begins again at the end, as long as `loop` stays on.
-    pace : one frame of each of its groups is shown; None for every frame.
+    reader : the open medium.
+    clock : seconds, monotonic.
+    loop : whether the medium starts again at its end.
+    seamless : whether the reader itself starts again at the end, as long as `loop` stays on.
+    hold_s : how long a still is shown; None for no limit.
+    paused : whether the medium begins paused.
+    speed : media seconds per second.
+    sound : the medium's sound. While it is heard, its clock determines media time.
+    begins_s : clock time at which the first frame is due on the screen; None for as soon as possible.
+    pace : shows one frame of each of its groups; None for every frame.
     """
 
     def __init__(
@@ -63,34 +69,35 @@ class Playback:
         self._clock, self._seamless, self._sound = clock, seamless, sound
         self._lap_s = 0.0  # media time at which the present lap began
         self._pending: Frame | None = None
-        self._anchor: tuple[float, float] | None = None  # clock and media time at once; None until a frame arrives
-        self._taken_s: float | None = None  # time of the frame that was taken last
-        self._shown_s: float | None = None  # time of the frame that was handed out last
+        # clock time and media time of one moment; None until a frame arrives
+        self._anchor: tuple[float, float] | None = None
+        self._taken_s: float | None = None  # time of the frame taken last
+        self._shown_s: float | None = None  # time of the frame returned last
         self._taken_until_s = self._seconds = 0.0
         self._paused, self._speed = paused, speed
         self._begins_s = begins_s
-        self._wanted = True  # a frame that pause does not hold back: the first one, that of a seek, that of a step
+        self._wanted = True  # a frame is wanted even during a pause: the first frame, or the frame of a seek or step
         self._cut_off = False
-        self._held: Frame | None = None  # has come, but too late; shown if nothing newer does
+        self._held: Frame | None = None  # a late frame, shown only if no newer frame arrives
         self._held_since_s: float | None = None
         self._hurried_until_s = float("-inf")
         self._skipped_to_s = 0.0
-        self._left_s: float | None = None  # clock time at which the last frame was handed out
-        self._absences_s = 0.0, 0.0  # how long it then took until somebody waited or asked: the last two times
+        self._left_s: float | None = None  # clock time at which the last frame was returned
+        self._absences_s = 0.0, 0.0  # the last two times from returning a frame to the next call
 
     @property
     def position_s(self) -> float:
-        """Time of the frame that was taken last, within the medium; where a seek goes, until its frame arrives."""
+        """Time of the frame taken last, within the medium. During a seek, the time that was sought."""
         return self._seconds
 
     @property
     def media_s(self) -> float | None:
-        """Media time now, which grows across loops; None until a frame has come."""
+        """Media time now, which grows across loops. None until a frame has come."""
         return self._media_time()
 
     @property
     def now_s(self) -> float | None:
-        """The same within the medium."""
+        """Media time now, within the medium. None until a frame has come."""
         now_s = self._media_time()
         return None if now_s is None else self._in_medium(now_s)
 
@@ -99,7 +106,7 @@ class Playback:
         return self._sound is not None and self._sound.time_s() is not None
 
     def shift(self, seconds: float) -> None:
-        """Put media time right: what is overtaken is left out, what comes again is waited for."""
+        """Shift media time. Frames that are over are dropped, and the clock waits for frames that are not yet due."""
         self._hold_now()
         if self._anchor is None:
             return
@@ -133,7 +140,7 @@ class Playback:
 
     @property
     def finished(self) -> bool:
-        """Whether the last frame has been shown for its time; stills last `hold_s`."""
+        """Whether the last frame has been shown for its duration. A still lasts `hold_s`."""
         if self._wanted and not self._exhausted:
             return False
         now_s, end_s = self._media_time(), self._end_s
@@ -143,7 +150,7 @@ class Playback:
 
     @property
     def ended_at_s(self) -> float | None:
-        """Clock time at which the last frame had been shown for its time; None if the medium was cut off."""
+        """Clock time at which the last frame has been shown for its duration. None while unknown, paused or cut off."""
         if self._anchor is None or self._end_s is None or self._cut_off or self._paused:
             return None
         clock_s, media_s = self._anchor
@@ -151,13 +158,17 @@ class Playback:
 
     @property
     def _end_s(self) -> float | None:
-        """Media time at which the last frame has been shown for its time; None as long as that is not known."""
+        """Media time at which the last frame has been shown for its duration. None while unknown."""
         if self.reader.info.still:
             return self.hold_s
         return self._taken_until_s if self._exhausted else None
 
     def ends_within(self, seconds: float, *, unknown: bool = False) -> bool:
-        """Whether the end will come so soon.  unknown : what a medium of unknown length gives."""
+        """Whether the end comes within `seconds`.
+
+        seconds : clock time from now on.
+        unknown : result for a medium of unknown length.
+        """
         info, ahead_s = self.reader.info, seconds * self._speed
         if self._paused or info.live or self.loops:
             return False
@@ -167,7 +178,7 @@ class Playback:
         return unknown if info.duration_s is None else self._seconds + ahead_s >= info.duration_s
 
     def due(self) -> Frame | None:
-        """The newest frame whose time has come; older ones that were not shown in time are dropped and counted."""
+        """Return the newest frame that is due, None if there is none. Drops and counts older frames."""
         if self._paused and not self._wanted:
             return None
         self._came_back()
@@ -184,37 +195,37 @@ class Playback:
 
     @property
     def loops(self) -> bool:
-        """Whether the end leads to a beginning: L is on, or there are points A and B, the end before the later."""
+        """Whether the medium starts again: `loop` is on, or points A and B are set."""
         return self.loop or self._ab is not None
 
     @property
     def _ab(self) -> tuple[float, float] | None:
-        """Where the A-B loop begins and ends: as in mpv, whichever point was set first."""
+        """The beginning and end of the A-B loop. As in mpv, the points may be set in either order."""
         if self.a_s is None or self.b_s is None:
             return None
         return min(self.a_s, self.b_s), max(self.a_s, self.b_s)
 
     def due_at(self, frame: Frame) -> float | None:
-        """Clock time at which a frame should stand on the screen; None while paused."""
+        """Return the clock time at which a frame is due on the screen, None while paused."""
         if self._anchor is None or self._paused:
             return None
         clock_s, media_s = self._anchor
         return clock_s + (frame.time_s - media_s) / self._speed
 
     def wait_s(self, longest_s: float) -> float:
-        """How long nothing will be due, if nobody acts."""
+        """Return the seconds until something is due, at most `longest_s`, unless a command comes first."""
         self._came_back()
         if self._paused and not self._wanted:
             return longest_s
         now_s, next_s = self._media_time(), self._end_s if self._pending is None else self._pending.time_s
         if now_s is None or next_s is None:
             return longest_s if self.reader.ended and not self._wanted else min(DECODER_WAIT_S, longest_s)
-        if self._pending is None and now_s >= next_s:  # finished
+        if self._pending is None and now_s >= next_s:  # the medium has ended
             return longest_s
         return min(max((next_s - now_s) / self._speed, 0.0), longest_s)
 
     def seek(self, time_s: float) -> None:
-        """Go on with the frame that is shown at `time_s` of the medium; stills and live sources just go on."""
+        """Continue with the frame that is shown at `time_s` of the medium. Live sources ignore a seek."""
         if self.reader.info.live:
             return
         self._drop_pending()
@@ -228,16 +239,16 @@ class Playback:
         self._wanted, self._cut_off = True, False
 
     def end(self) -> None:
-        """Show nothing more, as after the last frame; a seek goes on."""
+        """End the medium as after its last frame. A seek resumes it."""
         self._drop_pending()
         self._cut_off, self._wanted = True, False
 
     def refresh(self) -> None:
-        """Ask for the frame that is on the screen once more."""
+        """Request the frame on the screen again."""
         self.seek(self._seconds)
 
     def step(self, direction: int) -> None:
-        """Pause on the next frame (1) or the one before (-1)."""
+        """Pause on the next frame (1) or the previous frame (-1)."""
         self.paused = True
         if direction > 0:
             self._wanted = True
@@ -255,7 +266,7 @@ class Playback:
         return self.reader.ended and self._pending is None and self._held is None
 
     def _newest(self) -> Frame | None:
-        """Take every frame whose time has come, and give the last."""
+        """Take every frame whose time has come, and return the last of them."""
         due, self._held = self._held, None
         while self._fetch() and not self._cut_off:
             pending = self._pending
@@ -278,7 +289,7 @@ class Playback:
         return due
 
     def _is_left_out(self, frame: Frame) -> bool:
-        """Whether another frame of the same group has been shown; the last frame always is."""
+        """Whether another frame of the same group has been shown. The medium's last frame is never left out."""
         if self.pace is None or self.pace.every == 1 or self._paused or self._shown_s is None:
             return False
         end_s = math.inf if self._seamless else self.reader.info.duration_s or math.inf
@@ -287,11 +298,11 @@ class Playback:
         return self.pace.group(frame.time_s) == self.pace.group(self._shown_s)
 
     def _is_early(self, frame: Frame) -> bool:
-        """A live frame cannot come before its time: that it does shows by how much earlier ones were delayed."""
+        """Whether a live frame comes before its time. If it does, earlier frames were delayed by the difference."""
         return self.reader.info.live and not self._paused and not self._has_come(frame.time_s)
 
     def _comes_too_late(self, frame: Frame) -> bool:
-        """Whether to wait for a newer frame: this one is over, and the next has not been decoded."""
+        """Whether to wait for a newer frame, because this frame is over and the next frame has not been decoded."""
         now_s = self._media_time()
         if self._paused or self._pending is not None or self.reader.ended or self._cut_off or now_s is None:
             return False
@@ -310,7 +321,7 @@ class Playback:
         return False
 
     def _leave(self, frame: Frame) -> None:
-        """A frame is handed out: tell the decoder what will be over when the next one is asked for."""
+        """Record that a frame is returned, and let the decoder skip frames that will be over by the next request."""
         self._left_s, self._shown_s = self._clock(), frame.time_s
         if self.pace is not None and self.pace.every > 1 and not self._paused:
             self._skip_to(self.pace.next_s(frame.time_s) + ROUNDING * frame.duration_s, frame.duration_s)
@@ -323,7 +334,7 @@ class Playback:
             self._absences_s, self._left_s = (self._absences_s[1], self._clock() - self._left_s), None
 
     def _skip_to(self, time_s: float, duration_s: float) -> None:
-        """Let the decoder leave out what ends before `time_s`, but never the medium's last frame."""
+        """Let the decoder skip frames that end before `time_s`, but never the medium's last frame."""
         end_s = self.reader.info.duration_s
         if end_s is not None and not self._seamless:
             time_s = min(time_s, end_s - 2 * duration_s)
@@ -344,21 +355,21 @@ class Playback:
         self._seconds = self._in_medium(frame.time_s)
 
     def _begin_lap(self, lap_s: float) -> None:
-        """The reader has begun again: so shall the sound."""
+        """Restart the sound when the reader has started the medium again."""
         if abs(lap_s - self._lap_s) > MORE_THAN_ROUNDING_S:
-            self._media_time()  # the anchor as it was heard, before the sound falls silent
+            self._media_time()  # updates the anchor before the sound stops
             self._lap_s = lap_s
             if self._sound is not None:
                 self._sound.seek(0.0, self._speed)
                 self._let_hear()
 
     def _in_medium(self, time_s: float) -> float:
-        """A time that goes on when the reader begins again, within the medium."""
+        """Convert a time that grows across loops into a time within the medium."""
         duration_s = self.reader.info.duration_s
         return time_s % duration_s if self._seamless and duration_s else time_s
 
     def _leaves_loop(self, frame: Frame) -> bool:
-        """Act on a frame that comes after B or, L being off by now, in another lap: go to A, or end."""
+        """Go to A after point B. End the medium if its reader has started it again although `loop` is now off."""
         if self._taken_s is None:
             return False
         here_s, there_s = self._in_medium(self._taken_s), self._in_medium(frame.time_s)
@@ -381,7 +392,7 @@ class Playback:
         return media_s if self._paused else media_s + (self._clock() - clock_s) * self._speed
 
     def _begin_at(self, frame: Frame) -> None:
-        """A frame's time is now, or, for the first one, when it should be if that is less than a frame ago."""
+        """Anchor media time to a frame: to now, or to `begins_s` if that was less than a frame ago."""
         begins_s, self._begins_s, now_s = self._begins_s, None, self._clock()
         late_s = 0.0 if begins_s is None else now_s - begins_s
         self._anchor = now_s - late_s if 0 < late_s < frame.duration_s else now_s, frame.time_s
@@ -392,7 +403,7 @@ class Playback:
         self._let_hear()
 
     def _let_hear(self) -> None:
-        """Tell the sound what belongs to the anchor."""
+        """Play or pause the sound according to the anchor."""
         if self._sound is None:
             return
         if self._paused or self._anchor is None:
@@ -406,7 +417,7 @@ class Playback:
         return now_s is not None and time_s <= now_s
 
     def _hold_now(self) -> None:
-        """Anchor the present media time, before the rate of time changes."""
+        """Anchor the present media time before its rate changes."""
         now_s = self._media_time()
         if now_s is not None:
             self._anchor = self._clock(), now_s

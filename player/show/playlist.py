@@ -1,4 +1,4 @@
-"""What is played one after the other: media of the command line, and lists of media in .m3u and .txt files."""
+"""The media that are played in turn: media of the command line, and lists of media in .m3u and .txt files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ MAX_MEDIA = 10_000
 
 
 class Playlist:
-    """Media in order, and which one is on. Positions count from 0."""
+    """Media in order, and the current position. Positions count from 0."""
 
     def __init__(self, media: Sequence[Medium | str], *, loop: bool = False, start: int = 0) -> None:
         self.media, self.loop, self.position = [Medium.of(each) for each in media], loop, min(start, len(media) - 1)
@@ -24,21 +24,26 @@ class Playlist:
         return self.media[self.position]
 
     def after(self, by: int = 1) -> int | None:
-        """The position that is so many further, round about if the list is looped; None if there is nothing there."""
+        """Return the position `by` places further, None if there is none. A looped list wraps around."""
         target = self.position + by
         if self.loop:
             target %= len(self.media)
         return target if 0 <= target < len(self.media) else None
 
     def step(self, by: int) -> bool:
-        """Go on (1) or back (-1); False, staying, if there is nothing there."""
+        """Go `by` places further. Returns False, and stays, if there is no such place."""
         target = self.after(by)
         if target is not None:
             self.position = target
         return target is not None
 
     def add(self, media: Sequence[Medium], *, replace: bool, at: int | None = None) -> None:
-        """Insert media before a position, None for the end, or replace everything; InputError if that is too many."""
+        """Insert media or replace the whole list. Raises InputError if the list becomes too long.
+
+        media : the new media.
+        replace : whether to replace the whole list.
+        at : position to insert at; None for the end.
+        """
         at = len(self.media) if at is None else at
         whole = list(media) if replace else [*self.media[:at], *media, *self.media[at:]]
         if len(whole) > MAX_MEDIA:
@@ -47,7 +52,7 @@ class Playlist:
         self.position = 0 if replace else self.position
 
     def unfold(self, media: Sequence[Medium]) -> None:
-        """Put what the current entry, a list, lists in its place."""
+        """Replace the current entry, which is a list, by the media that it lists."""
         whole = [*self.media[: self.position], *media, *self.media[self.position + 1 :]]
         if len(whole) > MAX_MEDIA:
             raise InputError(f"{self.current}: {len(whole)} media, a list holds {MAX_MEDIA}; split the list")
@@ -55,10 +60,11 @@ class Playlist:
 
 
 def expand(media: Sequence[Medium], border: Border, *, patient: bool = False) -> list[Medium]:
-    """Media with every list replaced by what it lists, as far as the border lets it.
+    """Replace every list by the media that it lists, as far as the border allows.
 
-    patient : keep a list that cannot be read as it is, for the show to try again.
-    Raises InputError if nothing is left or a list cannot be read.
+    Raises InputError if a list cannot be read or too many media are left.
+
+    patient : keep an unreadable list as an entry, so that the show tries it again.
     """
     found: list[Medium] = []
     for medium in media:
@@ -74,7 +80,7 @@ def expand(media: Sequence[Medium], border: Border, *, patient: bool = False) ->
 
 
 def files_of(medium: Medium) -> list[Path]:
-    """The files that a medium is: itself, those that a numbered pattern matches; none if it is live or out of reach."""
+    """Return a medium's file, or the files that a numbered pattern matches; none if live or out of bounds."""
     path = Path(medium.name)
     try:
         medium.check()
@@ -93,10 +99,10 @@ def is_list(medium: Medium) -> bool:
 
 
 def read_list(medium: Medium, border: Border) -> list[Medium]:
-    """The media of a list: a path or address a line, relative to the list's folder; # begins a comment.
+    """Return the media of a list file: one path or address per line, relative to the list's folder; # begins a comment.
 
-    They reach what is below that folder and what the border lets everybody reach, or as far as a list that is beyond
-    the border itself. A list's entries are media: a list in a list is refused.
+    Entries must be within the border. For a list of the command line, they may also be below the list's folder. Raises
+    InputError for a list in a list.
     """
     path = Path(medium.name)
     inner = border.within(path.parent) if medium.roots is None else border

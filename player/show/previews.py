@@ -1,4 +1,4 @@
-"""Small pictures of a show for whoever watches it from elsewhere, made of what has been rendered already."""
+"""Small pictures of a show for remotes, made from pictures that have already been rendered."""
 
 import base64
 import time
@@ -12,17 +12,17 @@ from counterlight.pipeline.kinds import Choice
 from counterlight.show.session import Session
 
 PREVIEWS = Choice(("screen", "camera"))
-QUALITY = 75  # of JPEG
-MOST_TIME = 0.05  # share of the show's time that pictures may take
-MOST_STOLEN = 0.01  # and that which a frame may need, where none is left between frames
-LEAST_S = 0.5  # between two that are made in a frame's time
-AT_FIRST_S = 0.002  # what a picture is taken to cost until one has been made
+QUALITY = 75  # quality of JPEG, 0 to 100
+MOST_TIME = 0.05  # share of the show's time that previews may take
+MOST_STOLEN = 0.01  # share of the time that previews may take away from frames, if no time is left between frames
+LEAST_S = 0.5  # shortest time between two previews that delay a frame
+AT_FIRST_S = 0.002  # assumed cost of a first preview
 
 
 class Previews:
-    """One picture at a time, between frames where there is time, else so seldom that no more than a frame is late.
+    """Makes previews between frames if there is time, otherwise so rarely that at most one frame is late.
 
-    clock : seconds, for what a picture costs.
+    clock : seconds, to measure the cost of a preview.
     """
 
     def __init__(self, session: Session, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -32,7 +32,10 @@ class Previews:
         self._made_at = self._rests_until = float("-inf")
 
     def take(self, name: str, serial: float) -> dict[str, object] | None:
-        """The JPEG picture in base64 and its serial number; None if that is `serial`, or if there is no time now."""
+        """Return the JPEG picture in base64 and its serial number.
+
+        Returns None if the client already has picture `serial`, or if there is no time now.
+        """
         serial_now, began = self._session.rendered, self._clock()
         if serial_now in (0, serial) or not self._has_time(self._costs[name], began):
             return None
@@ -42,7 +45,7 @@ class Previews:
         jpeg = base64.b64encode(_encode(picture)).decode()
         self._made_at = self._clock()
         cost_s = self._made_at - began
-        if name in self._made:  # the first compiles its shaders
+        if name in self._made:  # the first preview compiles its shaders
             self._costs[name] = (self._costs[name] + cost_s) / 2
         self._made.add(name)
         self._rests_until = self._made_at + cost_s * (1 / MOST_TIME - 1)
@@ -61,7 +64,7 @@ class Previews:
 
 
 def _encode(picture: NDArray[np.uint8]) -> bytes:
-    """RGB as JPEG."""
+    """Encode an RGB picture as JPEG."""
     done, content = cv2.imencode(".jpg", np.ascontiguousarray(picture[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     assert done
     return content.tobytes()

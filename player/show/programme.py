@@ -1,7 +1,7 @@
-"""What plays next: the playlist, the medium that is being opened beside the show, and patience with what fails.
+"""Decides what plays next: the playlist, the medium that is being opened, and retries after failures.
 
-Nothing here waits, and nothing that a medium, a list or a remote does ends a lasting show: what cannot be played is
-told and passed over; a list of which nothing plays is tried again after 1 s, 2 s, 4 s … 30 s.
+No method waits. No medium, list or remote command can end a lasting show: a medium that cannot be played is reported
+and skipped. If no medium of a list plays, the list is tried again after 1 s, 2 s, 4 s … 30 s.
 """
 
 import random
@@ -17,16 +17,19 @@ from counterlight.show.lookup import LookUp
 from counterlight.show.media import Media
 from counterlight.show.playlist import Playlist, is_list
 
-LOOK_S = 0.1  # how long a command waits for the disk; what is not known by then shows when the medium is opened
-LIST_S = 10.0  # how long a list may take to be read
+LOOK_S = 0.1  # how long a command waits for the disk; later errors appear when the medium is opened
+LIST_S = 10.0  # longest time for reading a list
 RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
-HURRY_S = 0.25  # between two wishes' decoders, however many wishes come
-MOST_RETURNS = 4  # wishes that have overtaken one another
-PLAYED_S = 5.0  # a medium that breaks off after as long is no failure of the list
+HURRY_S = 0.25  # shortest time between starting two decoders, however many requests come
+MOST_RETURNS = 4  # number of overtaken requests that are remembered
+PLAYED_S = 5.0  # a medium that breaks off after this time does not count as a failure
 
 
 class Opening(NamedTuple):
-    """A medium that is opened beside the show.  loop : whether its reader begins again at its end."""
+    """A medium that is being opened during the show.
+
+    loop : whether its reader starts again at its end.
+    """
 
     medium: Medium
     reader: MediaReader
@@ -34,9 +37,11 @@ class Opening(NamedTuple):
 
 
 class _Return(NamedTuple):
-    """Where the show goes on if a wish cannot be met.
+    """The state to return to if a request cannot be met.
 
-    media : None for those that the list holds then.  waiting : whether that was still to be opened.
+    media : the list to restore; None keeps the present list.
+    position : position in the list.
+    waiting : whether the medium at `position` must be opened again.
     """
 
     media: list[Medium] | None
@@ -45,16 +50,20 @@ class _Return(NamedTuple):
 
 
 class Programme:
-    """Says what plays, to a session that tells how it goes.
+    """Decides what plays. The session calls `plays`, `ended`, `broke` and `refused` to report events.
 
-    lasting : whether nothing but a person ends the show.  keep : what the end leaves, as `keep-open` says but "auto".
+    lasting : whether only a user ends the show.
     begins_again : whether the list or the medium starts again at its end.
-    looping : whether media are to begin again at their end.
-    notice : takes a line for the user.  clock : seconds, monotonic.
+    keep : what the end leaves, as in `keep-open` without "auto".
+    looping : whether media start again at their end.
+    notice : takes a line for the user.
+    clock : seconds, monotonic.
 
-    at_end : whether the end is held, until somebody wishes for a medium or seeks.
-    on : the position in the list of what plays.  over : whether that has nothing more to show, or nothing plays.
-    done : whether the show has come to its end.  failure : why, if that was not as it should.
+    at_end : whether the end is held, until a user requests a medium or seeks.
+    on : position in the list of the medium that plays.
+    over : whether that medium has ended, or nothing plays.
+    done : whether the show has ended.
+    failure : the error that ended the show; None for a regular end.
     """
 
     def __init__(
@@ -75,22 +84,28 @@ class Programme:
         self.over, self.done, self.on = True, False, playlist.position
         self.failure: InputError | None = None
         self._opening: Opening | None = None
-        self._ahead: Opening | None = None  # opened before its turn
-        self._failed_ahead: list[tuple[Medium, InputError]] = []  # media before that one which cannot be opened
-        self._list: tuple[LookUp[list[Medium]], float] | None = None  # being read, until when
-        self._error: InputError | None = None  # why the list's current medium cannot be opened
-        self._returns: list[_Return] = []  # from wish to wish; the first is what plays
-        self._by, self._tries = 1, 0  # which way a wish goes on past what fails, and how far it has gone
-        self._failures = self._rounds = self._first_failed = 0  # media in a row, whole lists in a row
-        self._open_at_s: float | None = None  # when the list's current medium is to be opened
-        self._opened_at_s = self._began_s = float("-inf")  # when that was last done, and what plays began
+        self._ahead: Opening | None = None  # the next medium, opened in advance
+        # media that failed to open in advance, before that medium
+        self._failed_ahead: list[tuple[Medium, InputError]] = []
+        self._list: tuple[LookUp[list[Medium]], float] | None = None  # the list that is being read, and the deadline
+        self._error: InputError | None = None  # why the current medium cannot be opened
+        self._returns: list[_Return] = []  # one entry per request; the first entry is what plays
+        self._by, self._tries = 1, 0  # direction in which a request skips failing media, and how many it has skipped
+        # failed media in a row, failed rounds of the list, position of the first failure
+        self._failures = self._rounds = self._first_failed = 0
+        self._open_at_s: float | None = None  # when to open the current medium
+        # when a medium was last opened, and when the present medium began
+        self._opened_at_s = self._began_s = float("-inf")
         self._open()
 
     def poll(self) -> Opening | None:
-        """A medium whose first frame waits to be shown in place of what plays; `plays` or `refused` is to follow."""
+        """Return a medium whose first frame is ready to replace the present medium, otherwise None.
+
+        The caller must answer with `plays` or `refused`.
+        """
         if self._open_at_s is not None and self._clock() >= self._open_at_s:
             self._open()
-        while True:  # past all media that are known to fail
+        while True:  # skips all media that are known to fail
             try:
                 return self._ready()
             except InputError as error:
@@ -107,12 +122,12 @@ class Programme:
         return opening
 
     def plays(self) -> None:
-        """What was ready is shown from now on."""
+        """Record that the session now shows the opened medium."""
         self.at_end, self.over, self.on, self._began_s = False, False, self.playlist.position, self._clock()
         self._returns = []
 
     def ended(self) -> None:
-        """What plays has come to its end."""
+        """Record that the present medium has ended."""
         self.over = True
         if self._is_busy or self.at_end:
             return
@@ -123,29 +138,29 @@ class Programme:
             self._go_on()
 
     def resume(self) -> None:
-        """Somebody has gone back in the medium whose end was held."""
+        """Record a seek in the medium whose end was held."""
         self.at_end = self.over = False
 
     @property
     def is_last(self) -> bool:
-        """Whether nothing comes after the medium that plays."""
+        """Whether no medium follows the present medium."""
         return not self._is_busy and self.playlist.after(1) is None
 
     @property
     def next_waits(self) -> bool:
-        """Whether the next medium is open, and its first frame waits."""
+        """Whether the next medium is open and its first frame is ready."""
         return not self._is_busy and self._ahead is not None and self._ahead.reader.ready()
 
     def look_ahead(self) -> Opening | None:
-        """Open the medium that comes next, past media that fail; returns it once its first frame waits.
+        """Open the next medium in advance, skipping media that fail. Returns it once its first frame is ready.
 
-        An error is told when the turn of its medium has come.
+        The error of a skipped medium is reported when its turn comes.
         """
         target = None if self._is_busy else self.playlist.after(1 + len(self._failed_ahead))
         if target is None or len(self._failed_ahead) >= len(self.playlist.media):
             return None
         medium = self.playlist.media[target]
-        if self._ahead is not None and self._ahead.medium != medium:  # the list is another one by now
+        if self._ahead is not None and self._ahead.medium != medium:  # the list has changed
             self._forget_ahead()
         if is_list(medium):
             return None
@@ -161,7 +176,7 @@ class Programme:
             return None
 
     def broke(self, error: InputError) -> None:
-        """What plays cannot be decoded any further."""
+        """Record that the present medium cannot be decoded any further."""
         self.over = True
         if self._clock() - self._began_s >= PLAYED_S:
             self._failures = self._rounds = 0
@@ -171,7 +186,7 @@ class Programme:
             self._pass_over(error)
 
     def refused(self, error: InputError) -> None:
-        """What was to play cannot."""
+        """Record that the requested medium cannot be played."""
         self._stop_opening()
         if not self._returns:
             self._pass_over(error)
@@ -185,7 +200,7 @@ class Programme:
             self._go_back(self._returns.pop())
 
     def go(self, by: int) -> bool:
-        """Somebody wants the next medium (1) or the one before (-1); False if there is none."""
+        """Request the next medium (1) or the previous medium (-1). Returns False if there is none."""
         before = self._here()
         if not self.playlist.step(by):
             return False
@@ -193,16 +208,19 @@ class Programme:
         return True
 
     def select(self, position: int) -> None:
-        """Somebody wants the medium at a position of the list."""
+        """Request the medium at a position of the list."""
         before, self.playlist.position = self._here(), position
         self._wish(before)
 
     def load(self, name: str, *, replace: bool, follows: bool = False, play: bool = False) -> Medium:
-        """Somebody wants a medium or a list in place of the whole list, or in it; InputError if that cannot be.
+        """Request a medium or a list. Raises InputError if it cannot be played.
 
-        If it turns out later that nothing of it can be played, a list that was replaced is as before.
+        If a replacement turns out to be unplayable later, the old list is restored.
 
-        follows : after the present medium instead of at the end.  play : at once if the end is held.
+        name : name of the medium or list.
+        replace : whether it replaces the whole list.
+        follows : whether it is inserted after the present medium, and not at the end.
+        play : whether to play it at once if the end is held.
         """
         medium = self.opener.medium(name)
         media = LookUp(partial(self.opener.find, medium)).result(LOOK_S) or [medium]
@@ -220,9 +238,9 @@ class Programme:
         return medium
 
     def remove(self, position: int) -> bool:
-        """Take a medium from the list; if it plays or is being opened, the next one does. False if none comes next.
+        """Remove a medium from the list. In place of the present medium, open the next; return False without a next.
 
-        InputError for the only medium.
+        Raises InputError for the only medium.
         """
         media = self.playlist.media
         if len(media) == 1:
@@ -239,11 +257,11 @@ class Programme:
         return follows
 
     def clear(self) -> None:
-        """Take everything from the list but the present medium."""
+        """Remove all media but the present medium."""
         self._reorder([self.playlist.position])
 
     def move(self, position: int, before: int) -> None:
-        """Put a medium where another one is, before that."""
+        """Move the medium at `position` to before the medium at `before`."""
         others = [old for old in range(len(self.playlist.media)) if old != position]
         at = before - (before > position)
         self._reorder([*others[:at], position, *others[at:]])
@@ -254,13 +272,19 @@ class Programme:
         self._reorder(order)
 
     def _reorder(self, order: Sequence[int]) -> None:
-        """order : old positions in their new order; those left out are removed."""
+        """Reorder the list.
+
+        order : old positions in their new order; positions that are left out are removed.
+        """
         self.playlist.media = [self.playlist.media[old] for old in order]
         places, last = {old: new for new, old in enumerate(order)}, len(order) - 1
         self._renumber(lambda old: places.get(old, min(old, last)))
 
     def _renumber(self, place: Callable[[int], int]) -> None:
-        """Media have other positions in the list now.  place : from an old position to the new one."""
+        """Update all stored positions after a change of the list.
+
+        place : maps an old position to the new position.
+        """
         self.on, self.playlist.position = place(self.on), place(self.playlist.position)
         self._first_failed = place(self._first_failed)
         kept = (
@@ -280,7 +304,7 @@ class Programme:
 
     @property
     def _is_busy(self) -> bool:
-        """Whether it is known what comes after that which plays."""
+        """Whether the next medium has already been chosen."""
         return any(way is not None for way in (self._opening, self._list, self._error, self._open_at_s))
 
     def _here(self) -> _Return:
@@ -288,7 +312,11 @@ class Programme:
         return _Return(None, self.playlist.position if waiting else self.on, waiting)
 
     def _wish(self, before: _Return, by: int = 1) -> None:
-        """Open what the list is at now, as somebody wants, and nothing that was wanted before."""
+        """Open the current medium of the list at a user's request. Cancels earlier requests.
+
+        before : state to return to if the request cannot be met.
+        by : direction in which failing media are skipped.
+        """
         overtakes = self._opening is not None or self._open_at_s is not None
         self._stop_opening()
         self._failures = self._rounds = self._tries = 0
@@ -299,7 +327,7 @@ class Programme:
         self._open_at_s = self._opened_at_s + HURRY_S if overtakes else self._clock()
 
     def _open(self) -> None:
-        """Begin to open the list's current medium; a list is read first."""
+        """Begin to open the list's current medium. If it is itself a list, read it first."""
         medium, self._open_at_s, self._opened_at_s = self.playlist.current, None, self._clock()
         if self._failed_ahead and self._failed_ahead[0][0] == medium:
             self._error = self._failed_ahead.pop(0)[1]
@@ -349,7 +377,7 @@ class Programme:
             self.at_end = True
 
     def _go_back(self, before: _Return) -> None:
-        """A wish cannot be met: the list is as before, and so is what plays."""
+        """Restore the list and the position after a request that could not be met."""
         self._tries = 0
         self.playlist.media = self.playlist.media if before.media is None else before.media
         self.playlist.position = before.position
@@ -359,7 +387,7 @@ class Programme:
             self._go_on()
 
     def _pass_over(self, error: InputError) -> None:
-        """Go on to the next medium; if there is none or none plays, end with the error, or try again if lasting."""
+        """Skip a medium that failed. If no medium plays, a lasting show tries again later, and other shows end."""
         if not self._failures:
             self._first_failed = self.playlist.position
         self._failures += 1

@@ -1,4 +1,4 @@
-"""The properties of a session (docs/player.md lists them): what can be read and set of it."""
+"""The properties of a session that can be read and set. docs/player.md lists them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,25 +18,29 @@ TIME = Number(0, 1e9)
 
 
 def properties_of(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
-    """checking : whether a check of the room runs.  lamps : projectors that can be switched."""
+    """Return all properties of a session.
+
+    checking : whether a check of the room is running.
+    lamps : projectors that can be switched.
+    """
     parts = _playing, _adjustments, look_properties, _showing, refining
     return {name: each for part in parts for name, each in part(session).items()} | _told(session, checking, lamps)
 
 
 def playback_of(session: Session) -> Playback:
-    """CommandError while there is none."""
+    """Return the session's playback. Raises CommandError while no medium is open."""
     if session.playback is None:
         raise CommandError("no medium is open")
     return session.playback
 
 
 def _attribute(of: Callable[[], Any], name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
-    """What reads and what sets an attribute of what there is then."""
+    """Return a getter and a setter for attribute `name` of the object that `of` returns at the time of the call."""
     return lambda: getattr(of(), name), lambda value: setattr(of(), name, value)
 
 
 def _playing(session: Session) -> dict[str, Property]:
-    """Of the medium and the list."""
+    """Properties of the medium and the list."""
 
     def now() -> Playback:
         return playback_of(session)
@@ -112,7 +116,7 @@ def _point(now: Callable[[], Playback], name: str, text: str) -> Property:
 
 
 def _adjustments(session: Session) -> dict[str, Property]:
-    """Of counterlight.pipeline.adjustments.Adjustments."""
+    """Properties that set counterlight.pipeline.adjustments.Adjustments."""
 
     def field(name: str) -> Property:
         attribute = name.replace("-", "_")
@@ -144,7 +148,7 @@ def _adjustments(session: Session) -> dict[str, Property]:
 
 
 def _showing(session: Session) -> dict[str, Property]:
-    """Of the window, the view and the pages."""
+    """Properties of the window, the view and the pages."""
 
     def put(name: str, value: object) -> None:
         setattr(session, name, value)
@@ -173,7 +177,7 @@ def _showing(session: Session) -> dict[str, Property]:
 
 
 def _told(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
-    """How the show goes."""
+    """Read-only properties that describe how the show runs."""
 
     stats = session.stats
 

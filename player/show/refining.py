@@ -1,4 +1,4 @@
-"""The properties of refinement: what is wanted of its steps, what they cost, and where the picture stands."""
+"""The properties of refinement: its steps, their cost, and the distance from the best picture."""
 
 from collections.abc import Callable
 from operator import attrgetter
@@ -12,7 +12,7 @@ UNREFINABLE = "no refinement: the maps were built without it; counterlight build
 
 
 def refining(session: Session) -> dict[str, Property]:
-    """What can be read and set of a session's steps."""
+    """Return the properties of a session's refinement."""
     governor, appraisal = session.governor, session.appraisal
 
     def wants(what: Any) -> None:

@@ -1,7 +1,7 @@
-"""What the player can do and what can be read or set: one registry for keys, the settings and the control socket.
+"""The registry of all commands and properties, shared by keys, settings and the control socket.
 
-Names are mpv's where mpv has them. Values are what JSON knows; words of text ("yes", "12.5") are taken as well, since a
-key binding has nothing else.
+Names are mpv's where mpv has them. Values are JSON values. Words such as "yes" and "12.5" are also accepted, because a
+key binding contains only words.
 """
 
 import math
@@ -18,14 +18,17 @@ PROPERTY_COMMANDS = ("set", "cycle", "add", "multiply")
 
 
 class CommandError(ValueError):
-    """A command or a value that is refused: one line, for the screen or the socket."""
+    """A command or value was refused. The message is one line, for the screen or the socket."""
 
 
 @dataclass(frozen=True)
 class Property:
-    """get : a JSON-able value.  set : None if read-only.  unit : said after the value on the screen.
+    """A value that can be read and, unless it is read-only, set.
 
-    costly : whether reading it costs the show a part of a frame's time.
+    get : returns a JSON value.
+    set : None if read-only.
+    unit : shown after the value on the screen.
+    costly : whether reading takes a part of a frame's time.
     """
 
     help: str
@@ -37,14 +40,18 @@ class Property:
 
 
 def named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
-    """A parameter of a show."""
+    """Return the property for a row of PARAMETERS."""
     row = PARAMETERS[name]
     return Property(row.help, get, put, row.kind, row.unit)
 
 
 @dataclass(frozen=True)
 class Command:
-    """run : takes words or JSON values.  usage : its arguments, `[]` around those that may be left out."""
+    """A command.
+
+    run : takes words or JSON values.
+    usage : its arguments, with `[]` around optional arguments.
+    """
 
     help: str
     run: Callable[..., object]
@@ -52,7 +59,7 @@ class Command:
 
 
 class Commands:
-    """Runs commands and reads and sets properties by name; raises CommandError for whatever cannot be done."""
+    """Runs commands, and reads and sets properties by name. Raises CommandError for everything that cannot be done."""
 
     def __init__(self, commands: Mapping[str, Command], properties: Mapping[str, Property]) -> None:
         self._properties = dict(properties)
@@ -65,24 +72,24 @@ class Commands:
         }
 
     def names(self) -> Mapping[str, str]:
-        """Every command and, in one line, what it does."""
+        """Return every command with one line of help."""
         return {name: command.help for name, command in self._commands.items()}
 
     def usage(self, name: str) -> str:
-        """A command's arguments."""
+        """Return a command's arguments in words."""
         usage: str = _named(self._commands, name, "command").usage
         return usage
 
     def properties(self) -> Mapping[str, str]:
-        """Every property and, in one line, what it is."""
+        """Return every property with one line of help."""
         return {name: described.help for name, described in self._properties.items()}
 
     def takes(self, name: str) -> str:
-        """The values of a property, in words."""
+        """Return the values that a property accepts, in words."""
         return str(_named(self._properties, name, "property").kind) if self.writable(name) else "read-only"
 
     def info(self, name: str) -> dict[str, Any]:
-        """A property for JSON: what is said of it, whether it can be set, and what its kind says of its values."""
+        """Return the description of a property for JSON."""
         row: Property = _named(self._properties, name, "property")
         told = {"name": name, "help": row.help, "unit": row.unit, "costly": row.costly, "writable": row.set is not None}
         return {**told, **row.kind.info()}
@@ -91,14 +98,14 @@ class Commands:
         return _named(self._properties, name, "property").set is not None
 
     def run(self, name: str, *arguments: object) -> object:
-        """Run a command; its result, if any, is JSON-able."""
+        """Run a command. Its result, if any, is a JSON value."""
         command = _named(self._commands, name, "command")
         _check_count(name, command, arguments)
         with _refusing(name):
             return command.run(*arguments)
 
     def check(self, name: str, *arguments: object) -> None:
-        """CommandError for what `run` would refuse whatever the show does; nothing is run."""
+        """Raise CommandError for a command that `run` would refuse in any state of the show. Runs nothing."""
         command = _named(self._commands, name, "command")
         _check_count(name, command, arguments)
         if name in PROPERTY_COMMANDS:
@@ -120,7 +127,7 @@ class Commands:
             described.set(described.kind.read(value))
 
     def tell(self, name: str) -> str:
-        """A property as the screen says it: `Brightness: 5`."""
+        """Return a property as shown on the screen: `Brightness: 5`."""
         described = self._properties[name]
         value = described.get()
         shown = {True: "on", False: "off", None: "no"}.get(value) if isinstance(value, bool | None) else None
@@ -141,7 +148,7 @@ class Commands:
         self.set(name, kind.clamp(value + Number(-math.inf, math.inf).read(amount)))
 
     def _multiply(self, name: str, factor: object) -> None:
-        """Whole numbers go down to the next one below, and up by at least one."""
+        """Multiply a property. A whole number is rounded down; with a factor above 1 it grows by at least 1."""
         kind, value = self._number(name)
         by = Number(0, 1e6).read(factor)
         product = math.floor(value * by) if kind.whole else value * by
@@ -164,7 +171,7 @@ def _named(table: Mapping[str, Any], name: object, what: str) -> Any:
 
 @contextmanager
 def _refusing(name: str) -> Iterator[None]:
-    """Whatever a command or a property cannot take, as CommandError."""
+    """Convert errors about values into CommandError."""
     try:
         yield
     except UnreadError as error:
@@ -180,7 +187,7 @@ def _check_count(name: str, command: Command, arguments: Sequence[object]) -> No
 
 
 def _counts(usage: str) -> tuple[int, int]:
-    """`NAME [up|down]` -> (1, 2)."""
+    """Return the least and the largest number of arguments: `NAME [up|down]` -> (1, 2)."""
     arguments = usage.split()
     return sum(not argument.startswith("[") for argument in arguments), len(arguments)
 

@@ -1,4 +1,4 @@
-"""What a show needs for remotes in a browser and by OSC: their sockets, and the process that serves them (remote/)."""
+"""Opens the sockets for browser and OSC remotes, and runs the process that serves them (remote/)."""
 
 import importlib.util
 import os
@@ -18,15 +18,16 @@ from counterlight.show.control import Clients
 from counterlight.show.registry import Commands
 from counterlight.unattended.json_lines import encode
 
-PORT = 8642  # of the page, if none is said
+PORT = 8642  # default port of the page
 ENDING_S = 1.0
-REST_S, LONGEST_REST_S = 1.0, 60.0  # from the death of one process to the next
+REST_S, LONGEST_REST_S = 1.0, 60.0  # pause before a process that died is started again
 
 
 class RemoteProcess:
-    """A process that is a client of the show, and is started again when it dies.
+    """The process that serves remotes as a client of the show. It is started again when it dies.
 
-    services : by the name under which it is told of them.  token : for the page.
+    services : listening sockets, by the name that the process knows them by.
+    token : access token of the page.
     """
 
     def __init__(self, services: Mapping[str, socket.socket], token: str) -> None:
@@ -36,7 +37,7 @@ class RemoteProcess:
         self._process: subprocess.Popen[bytes] | None = self._start()
 
     def poll(self, commands: Commands) -> None:
-        """Serve it; never waits."""
+        """Serve the process, and start it again if it has died. Never waits."""
         self._clients.poll(commands)
         if self._process is not None and len(self._clients) == 0:
             self._bury(self._process)
@@ -45,7 +46,7 @@ class RemoteProcess:
             self._process = self._start()
 
     def close(self) -> None:
-        """Have everybody told that the show is over, and end it."""
+        """Tell all clients that the show has ended, and end the process."""
         self._clients.close()
         if self._process is not None:
             with suppress(subprocess.TimeoutExpired):
@@ -55,7 +56,7 @@ class RemoteProcess:
             service.close()
 
     def _start(self) -> subprocess.Popen[bytes] | None:
-        """None where the system has no room for it now."""
+        """Start the process. Returns None if the system has no resources for it now."""
         ours, theirs = socket.socketpair()
         told = {name: service.fileno() for name, service in self._services.items()}
         command = [sys.executable, "-P", "-m", "counterlight.remote"]
@@ -81,9 +82,9 @@ class RemoteProcess:
 
 
 def open_remotes(web: Address | None, osc: Address | None) -> RemoteProcess:
-    """What --remote and --osc ask for, one at least. Says where they are.
+    """Open what --remote and --osc ask for, at least one of them, and print the addresses.
 
-    Raises InputError for a package that is missing, and where the system or this user's folder refuses.
+    Raises InputError if a package is missing or a socket or token cannot be created.
     """
     _need("--remote", web, "websockets", "remote")
     _need("--osc", osc, "pythonosc", "osc")
@@ -117,7 +118,7 @@ def _tell_where(listener: socket.socket, token: str) -> None:
 
 
 def qr_code(text: str) -> Iterator[str]:
-    """Lines of half blocks, for a terminal; none without the package that makes it."""
+    """Yield the lines of a QR code in half-block characters. Yields none if the package `segno` is missing."""
     with suppress(ImportError):
         import segno
 

@@ -1,4 +1,4 @@
-"""What a file is rendered from and how: all that a process needs to know which renders it, or a part of it."""
+"""Everything that a process must know to render a file or a part of a file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,8 +15,9 @@ from counterlight.pipeline.room import Room, read_room
 class Stretch:
     """Frames `begin` to `end` − 1 of a film, counted from 0 where rendering starts.
 
-    lead : from there on frames are drawn, the first as after a cut; none before `begin` is written.  end : None for the
-    film's.
+    lead : first frame that is drawn, as after a cut. Frames before `begin` are drawn but not written.
+    begin : first frame that is written.
+    end : None for the end of the film.
     """
 
     lead: int = 0
@@ -29,10 +30,15 @@ WHOLE = Stretch()
 
 @dataclass(frozen=True)
 class Rendering:
-    """white : camera radiance of a white picture.  steps : of refinement, every frame; start : where they begin.
+    """The input and the options of a rendering.
 
-    start_s : of the medium, where rendering begins.  frames : at most; None for all.
-    backend : "gl" or "cpu".  path : one of counterlight.pipeline.device.PATHS.
+    white : camera radiance of a white picture.
+    steps : steps of refinement per frame.
+    start : start of refinement.
+    start_s : time in the medium where rendering begins.
+    frames : most frames; None for all.
+    backend : "gl" or "cpu".
+    path : one of counterlight.pipeline.device.PATHS.
     """
 
     calibration: Path
@@ -57,7 +63,7 @@ class Rendering:
 
     @contextmanager
     def opened(self) -> Iterator[MediaReader]:
-        """The medium, at its first frame."""
+        """Yield the medium, at its first frame."""
         with MediaReader.open(self.medium, loop=self.loop, frames_per_second=self.frames_per_second) as reader:
             if self.start_s:
                 reader.seek(self.start_s)
@@ -65,7 +71,7 @@ class Rendering:
 
     @property
     def carries(self) -> bool:
-        """Whether a frame goes on from the one before, unless it begins anew at a cut."""
+        """Whether a frame depends on the frame before, unless a cut separates them."""
         adjustments = self.adjustments
         refined = self.compensate and self.steps > 0 and self.start.startswith("previous")
         return bool(refined or adjustments.adapt or adjustments.flicker)

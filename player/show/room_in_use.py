@@ -1,4 +1,4 @@
-"""The room that a session plays in: read again on demand, and what is asked of its calibration and kept beside it."""
+"""The room that a session plays in: reloads it, answers questions about its calibration, and stores the placement."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -26,7 +26,12 @@ if TYPE_CHECKING:
 
 
 class RoomInUse:
-    """folder : its calibration.  read : reads it again.  make_renderer : for a room as read."""
+    """The room of a running session.
+
+    folder : the calibration.
+    read : reads the room again.
+    make_renderer : makes a renderer for a room.
+    """
 
     def __init__(
         self, folder: Path, room: Room, read: Callable[[], Room], make_renderer: Callable[[Room], Renderer]
@@ -36,16 +41,19 @@ class RoomInUse:
         self.stand("all")
 
     def stand(self, viewpoint: Viewpoint) -> str | None:
-        """Take the view that is shown to viewers there; a line if one is beyond all views.
+        """Choose the view for a viewer at `viewpoint`. Returns a warning if the viewpoint is outside all views.
 
-        InputError for a place in a room that was seen from one alone.
+        Raises InputError for a viewpoint in a room with a single view.
         """
         self._seen, self._viewpoint = self._room.seen_from(viewpoint), viewpoint
         return self._room.outside(viewpoint)
 
     def appraise(self, snapshot: Snapshot) -> Shortfall:
-        """Where a drive stands; InputError without the maps of refinement. Takes seconds: for a thread of its own."""
-        from counterlight.pipeline.survey import Survey  # Numba takes half a second: not before it is used
+        """Estimate how far a picture is from the optimum. Takes seconds; run it in its own thread.
+
+        Raises InputError without the maps of refinement.
+        """
+        from counterlight.pipeline.survey import Survey  # imported late, because Numba takes half a second
 
         room = self._seen
         if room.maps.refinement is None:
@@ -56,27 +64,27 @@ class RoomInUse:
 
     @property
     def refinable(self) -> bool:
-        """Whether the maps are there that refinement needs."""
+        """Whether the maps for refinement exist."""
         return all(each.maps.refinement is not None for each in self._room.eyes)
 
     @property
     def placed_on(self) -> tuple[int, int]:
-        """(height, width) of what a picture is placed on: the camera's view, or the screen of several."""
+        """(height, width) of the area that holds the picture: the camera's view, or the screen of several cameras."""
         return self._room.calibration.placed_on
 
     @property
     def drifted(self) -> dict[str, Any] | None:
-        """For JSON, what the last check found; None if there was none."""
+        """Result of the last check, for JSON. None without a check."""
         return self._room.drifted
 
     @property
     def drifts(self) -> bool:
-        """Whether the last check has found, or no longer finds, anything to undo."""
+        """Whether the last check found a drift, or the loaded room still corrects an earlier drift."""
         found = [read_drift(calibration.read(folder)) for folder in calibrations_in(self._folder)]
         return any(each is not None and each.changes for each in (*found, *(eye.drift for eye in self._room.eyes)))
 
     def reload(self) -> Renderer:
-        """Read the maps and make a renderer of them; InputError if they do not suit the windows that are open."""
+        """Read the maps and make a renderer. Raises InputError if the projector's size has changed."""
         fresh, before = self._read(), self._room.calibration.regions
         regions = fresh.calibration.regions
         if regions != before:
@@ -90,30 +98,33 @@ class RoomInUse:
         return renderer
 
     def fit(self, pixels: PixelFormat) -> Corners:
-        """The corners of a picture that nobody placed."""
+        """Return the default corners of a picture."""
         return corners_of(place(pixels, self.placed_on), self.placed_on)
 
     def keep(self, corners: Corners | None) -> Path:
-        """Keep corners for the next time, in the file returned."""
+        """Store corners for later shows, and return the path of the file."""
         return write_placement(self._folder, corners)
 
     def psnr(self, certificate: Certificate) -> float:
-        """10 log₁₀(white² / mean (T p − b)²) over the lit camera pixels and their channels."""
-        assert self._seen.maps.refinement is not None  # or there would be no certificate
+        """Return 10 log₁₀(white² / mean (T p − b)²) over the lit camera pixels and their channels, in dB."""
+        assert self._seen.maps.refinement is not None  # a certificate exists only with these maps
         values = 3 * np.count_nonzero(self._seen.maps.refinement.lit)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
     def pointed_at(self, points: Points, view: str) -> Points:
-        """Where on what a picture is placed on points of a view are; NaN where there is nothing of it.
+        """Convert points of a view to points of the area that a picture is placed on. NaN for points outside it.
 
-        Of the projector's picture, what the correction map has most of.
+        For the projector's view, the correction map's largest entry decides.
         """
         screen = self._seen.calibration.screen
         seen = lit_by(self._seen.maps.correction, points) if view == "projector" else points
         return seen if screen is None else screen.looked_at(seen)
 
     def outline(self, corners: Corners, corner: int | None, view: str) -> Outline:
-        """Of a picture with these corners in a view; in the projector's, where it lights the outline most."""
+        """Return the outline of a picture with these corners in a view.
+
+        In the projector's view, the outline is drawn where the projector lights it most.
+        """
         screen = self._seen.calibration.screen
         drawn = outline_of(corners, corner, self.placed_on) if screen is None else outline_on(screen, corners, corner)
         return moved(drawn, partial(lit_by, self._seen.maps.transport)) if view == "projector" else drawn

@@ -1,4 +1,4 @@
-"""The file that says when a show plays, and which projectors show it (docs/unattended.md)."""
+"""The schedule file: when a show plays, and which projectors it uses (docs/unattended.md)."""
 
 import threading
 from datetime import date, datetime, time, timedelta
@@ -18,7 +18,7 @@ MOST_HOURS, MOST_PROJECTORS, MOST_CLOSED = 100, 16, 1000
 
 
 def read_schedule(path: Path) -> Schedule:
-    """InputError for what is no schedule."""
+    """Read a schedule. Raises InputError if the file is not a valid schedule."""
     file = Table(read_toml(path, FIX), f"{path}", FIX)
     file.format(FORMAT)
     file.raw("format", FORMAT)
@@ -32,14 +32,14 @@ def read_schedule(path: Path) -> Schedule:
 
 
 class ScheduleFile:
-    """A schedule that is read again whenever its file has changed; one that is damaged then changes nothing."""
+    """A schedule that is read again whenever its file has changed. A damaged file changes nothing."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._changed, self._schedule = path, _changed(path), read_schedule(path)
         self._lock = threading.Lock()
 
     def __call__(self) -> Schedule:
-        """The schedule as it is now, for any thread."""
+        """Return the present schedule. Any thread may call this."""
         with self._lock:
             changed = _changed(self._path)
             if changed not in (None, self._changed):
@@ -83,7 +83,7 @@ def _projector(entry: Table) -> Projector:
 
 
 def _time(table: Table, key: str) -> time:
-    """`"20:00"` or `"20:00:30"`, and TOML's own times."""
+    """Read a time: `"20:00"`, `"20:00:30"`, or a TOML time."""
     value = table.raw(key, None)
     if isinstance(value, time):
         return value

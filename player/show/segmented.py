@@ -1,11 +1,11 @@
-"""A film rendered in segments by several workers, and joined into the file that one would have written.
+"""Renders a film in segments on several workers, and joins them into the same file that a single process would write.
 
     film.mkv.segments/plan.json            what is rendered, from what, and where it is divided
-    film.mkv.segments/003.mkv              a segment, without loss; numbered pictures: 003-%05d.png
-    film.mkv.segments/003.before.png       of a segment that begins within a shot: the frame before it, to compare
-    film.mkv.segments/003.json             written last: the segment is whole
+    film.mkv.segments/003.mkv              a lossless segment; numbered pictures: 003-%05d.png
+    film.mkv.segments/003.before.png       the frame before a segment that begins within a shot, for comparison
+    film.mkv.segments/003.json             written last: the segment is complete
 
-The folder stays until the film is whole, so that the same command goes on where another one was interrupted.
+The folder stays until the film is complete, so that the same command resumes an interrupted rendering.
 """
 
 import hashlib
@@ -43,7 +43,10 @@ PARTS = PLAN, "[0-9]*.json", "[0-9]*.mkv", "[0-9]*.png", "[0-9]*.exr"
 
 @dataclass(frozen=True)
 class Segment:
-    """One of the stretches, and its files.  output : of the whole film."""
+    """A stretch of the film, and its files.
+
+    output : path of the whole film.
+    """
 
     number: int
     stretch: Stretch
@@ -66,12 +69,12 @@ class Segment:
 
     @property
     def facts(self) -> dict[str, Any] | None:
-        """What was found when it was rendered; None if it has not been."""
+        """Results of rendering the segment. None if it has not been rendered."""
         return _read(self.record)
 
 
 def render_segment(rendering: Rendering, segment: Segment) -> Stats:
-    """Render a segment into its files; for a worker."""
+    """Render a segment into its files, in a worker."""
     room, stretch = rendering.room(), segment.stretch
     with rendering.opened() as reader, headless_renderer(rendering.backend, room, rendering.path) as renderer:
         renderer.open(reader.info.format)
@@ -106,11 +109,13 @@ def render_in_segments(
     sound: Path | None = None,
     coding: Coding = USUAL,
 ) -> Stats:
-    """Render a film in at most `count` segments; returns what was counted and, of those rendered now, timed.
+    """Render a film in at most `count` segments. Returns all counts, and the times of the segments rendered now.
 
-    reader : at the film's first frame.  workers : ended when this returns.
-    lead_in : frames that are drawn before a segment which begins within a shot; None for no such segment.
-    sound, coding : see open_output.
+    reader : at the film's first frame.
+    workers : are shut down before the function returns.
+    lead_in : frames that are drawn before a segment that begins within a shot; None allows only segments at cuts.
+    sound : see open_output.
+    coding : see open_output.
     """
     film = look_through(reader, rendering.frames)
     stretches = divide(film, count, carries=rendering.carries, lead_in=lead_in)
@@ -136,9 +141,9 @@ def _of_fewer(found: int, count: int, film: Film, lead_in: int | None) -> str:
 
 
 def _rendered(rendering: Rendering, segments: Sequence[Segment], workers: Workers) -> Stats:
-    """Render those that are not there yet; returns what all of them counted."""
+    """Render the missing segments. Returns the counts of all segments."""
     if rendering.backend == "cpu":
-        compile_passes()  # once, not in every process
+        compile_passes()  # once, not in each process
     stats = Stats()
     left = [segment for segment in segments if segment.facts is None]
     if len(left) < len(segments):
@@ -156,7 +161,7 @@ def _rendered(rendering: Rendering, segments: Sequence[Segment], workers: Worker
 
 
 def _join(sink: FilmOutput, segments: Sequence[Segment], film: Film, within: Sequence[int]) -> list[dict[str, Any]]:
-    """Write the film; returns where it was divided within shots, and how far both sides are apart there."""
+    """Write the film. Returns where it was divided within shots, and how far the two segments differ there."""
     joints, last = list[dict[str, Any]](), None
     for segment in track(segments, "joining segments"):
         begin, end = segment.stretch.begin, segment.stretch.end
@@ -172,7 +177,7 @@ def _apart(one: Any, other: Any) -> dict[str, Any]:
 
 
 def _plan(rendering: Rendering, film: Film, stretches: Sequence[Stretch]) -> dict[str, Any]:
-    """What decides every bit of the segments, for JSON."""
+    """Return for JSON everything that determines the segments' content."""
     made = asdict(rendering) | {"medium": _identity(rendering.medium.name)}
     folder = rendering.calibration
     room = {f"{path.relative_to(folder)}": hashlib.sha256(path.read_bytes()).hexdigest() for path in tables_of(folder)}
@@ -182,14 +187,14 @@ def _plan(rendering: Rendering, film: Film, stretches: Sequence[Stretch]) -> dic
 
 
 def tables_of(calibration: Path) -> list[Path]:
-    """The files that vouch for all others of a calibration folder, or of a set of views."""
+    """Return the .toml files of a calibration folder or of a set of views. They hold the digests of all other files."""
     rooms = dict.fromkeys([calibration, *calibrations_in(calibration)])
     folders = [folder for room in rooms for folder in (room, room / "correction", room / "drift")]
     return [path for folder in folders for path in sorted(folder.glob("*.toml"))]
 
 
 def _identity(medium: str) -> list[Any]:
-    """What tells a medium from another one of its name."""
+    """Return the path, sizes and times of a medium, which change when its content changes."""
     path = Path(medium)
     files = sorted(each for each in path.parent.iterdir() if number_of(path.name, each.name) is not None)
     states = [each.stat() for each in ([path] if path.exists() else files)]
@@ -210,7 +215,7 @@ def _read(record: Path) -> dict[str, Any] | None:
 
 @contextmanager
 def _kept(folder: Path, plan: Mapping[str, Any]) -> Iterator[None]:
-    """The folder of the segments; whatever ends the block, whole segments of this plan stay in it, and nothing else."""
+    """Create the folder of the segments. If the block fails, only complete segments of this plan stay in the folder."""
     record = folder / PLAN
     there = _read(record)
     if not (is_vacant(folder) or (there and there.keys() == plan.keys())):

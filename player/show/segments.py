@@ -1,9 +1,9 @@
-"""Where a film can be divided, so that its segments may be rendered side by side.
+"""Where a film can be divided, so that its segments may be rendered in parallel.
 
-A frame of compensation goes on from the one before: refinement from its change and momentum, adaptation and damping
-from their own. At a cut (SceneCuts) all of it begins anew, so that a segment which begins there is what it is in the
-whole, bit for bit. Within a shot it is not, however early the drawing begins: what is forgotten fades, but float32
-never becomes the same again (docs/size.md).
+A frame depends on the frame before: refinement uses its change and momentum, adaptation and damping use their own
+state. At a cut (SceneCuts) this state is reset. A segment that begins at a cut therefore equals the same frames of the
+whole film, bit for bit. A segment that begins within a shot differs, however early its drawing begins: the old state
+fades, but float32 results stay different (docs/size.md).
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,18 @@ from counterlight.show.rendering import Stretch
 
 @dataclass(frozen=True)
 class Film:
-    """times_s : when each frame is due.  cuts : numbers of the frames that begin anew, 0 first."""
+    """The frames of a film.
+
+    times_s : due time of each frame.
+    cuts : numbers of the frames that begin a shot, 0 first.
+    """
 
     times_s: tuple[float, ...]
     cuts: tuple[int, ...]
 
 
 def look_through(reader: MediaReader, frames: int | None) -> Film:
-    """Decode up to so many frames; InputError for a film that breaks off."""
+    """Decode at most `frames` frames and find the cuts. Raises InputError for a film that breaks off."""
     times_s, cuts, finder = list[float](), list[int](), SceneCuts()
     for number in track(range(1 << 62 if frames is None else frames), "looking for cuts", frames):
         frame = reader.next_frame(FRAME_TIMEOUT_S)
@@ -42,10 +46,11 @@ def look_through(reader: MediaReader, frames: int | None) -> Film:
 
 
 def divide(film: Film, count: int, *, carries: bool, lead_in: int | None) -> list[Stretch]:
-    """At most `count` stretches of about the same length, which together are the film.
+    """Divide the film into at most `count` stretches of similar length.
 
-    carries : frames go on from those before, so that a stretch begins at a cut, at most half a stretch away from where
-    it would be best.  lead_in : frames that are drawn before a stretch that has no such cut; None for none of these.
+    carries : whether frames depend on the frames before. A stretch then begins at a cut, at most half a stretch away
+        from the ideal place.
+    lead_in : frames that are drawn before a stretch that does not begin at a cut; None allows only stretches at cuts.
     """
     length, leads = len(film.times_s), {0: 0}
     for number in range(1, count):
@@ -62,10 +67,10 @@ def divide(film: Film, count: int, *, carries: bool, lead_in: int | None) -> lis
 
 
 def begins_at_cut(stretch: Stretch, film: Film) -> bool:
-    """Whether the stretch is what it is in the whole: everything since a cut is drawn."""
+    """Whether drawing starts at a cut, so that the stretch's frames equal the frames of the whole film."""
     return stretch.lead in film.cuts
 
 
 def within_shots(stretches: Sequence[Stretch], film: Film) -> list[int]:
-    """Numbers of those that begin elsewhere."""
+    """Return the numbers of the stretches that begin within a shot."""
     return [number for number, stretch in enumerate(stretches) if not begins_at_cut(stretch, film)]

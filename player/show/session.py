@@ -1,7 +1,7 @@
-"""Media drawn by a renderer into a display: the frame that is due, uploaded, rendered, presented, counted.
+"""Draws media into a display: takes the frame that is due, uploads, renders, presents and counts it.
 
-Which frame is due is playback.py's to say, what comes next programme.py's. Knows no OpenGL; a display and a clock are
-handed in.
+playback.py decides which frame is due, programme.py which medium is next. This module knows no OpenGL; the display and
+the clock are arguments.
 """
 
 import time
@@ -34,22 +34,25 @@ from counterlight.show.programme import Opening, Programme
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.stats import Stats
 
-TIMED_INTERVAL_S = 0.5  # between frames whose stages are timed
-MOST_REDRAWS = 12  # of a picture that stays, until its steps are what they should be
-LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
-AHEAD_S = 10.0  # before a medium ends the next one is opened; a decoder takes 0.3 s of a processor to start
-OPENING_WAIT_S = 0.01  # while a medium is being opened
+TIMED_INTERVAL_S = 0.5  # shortest time between frames whose stages are timed
+MOST_REDRAWS = 12  # redraws of a picture that stays on the screen until its steps suffice
+LONGEST_WAIT_S = 0.05  # longest wait before the decoder and the remotes are polled; keys wake the window at once
+AHEAD_S = 10.0  # how long before a medium ends the next is opened; starting a decoder takes 0.3 s of a processor
+OPENING_WAIT_S = 0.01  # longest wait while a medium is being opened
 
 
 class Session:
     """Plays a playlist through a renderer into a display.
 
-    opener : finds and opens media.  clock : seconds, monotonic.  lasting : whether the show goes on whatever becomes of
-    its media.  image_display_duration : seconds that a still is shown; None for ever.
-    unattended : whether nobody works on the show: what went wrong is then written over the picture only if `osd` asks.
-    governor : says how many steps a frame gets; None: none.  appraised : whether every picture's standing is estimated,
-    not only while somebody looks or a promise needs it.
-    silence : why there is no audio output, told when a medium has sound; None: nobody wants any.
+    opener : finds and opens media.
+    room : the room that the session plays in.
+    governor : chooses the steps of each frame; None for no steps.
+    appraised : whether every picture is compared with the optimum, and not only on request or for a promise.
+    lasting : whether the show continues whatever happens to its media.
+    image_display_duration : seconds that a still is shown; None for no limit.
+    unattended : whether nobody operates the show. Notices then appear over the picture only if `osd` asks for them.
+    silence : why there is no audio output, reported when a medium has sound; None if the user wants no sound.
+    clock : seconds, monotonic.
     """
 
     def __init__(
@@ -90,7 +93,7 @@ class Session:
         self.image_display_duration, self.clock = image_display_duration, clock
         self.stats, self.message = Stats(), Message(clock)
         self.show_stats = self.done = False
-        self.help_page = 0  # from 1; 0 for none
+        self.help_page = 0  # counted from 1; 0 for no page
         self.placing: Placing | None = None
         self._outside = room.stand(adjustments.viewpoint)
         self._hearing = Hearing(audio, silence, self.notice)
@@ -100,18 +103,19 @@ class Session:
         self.rendered_view, self._steps_drawn, self._redraws = self.view, 0, 0
         self._changed = self._uploaded = self._uncovered = False
         self._shown: tuple[Page | None, bool] | None = None
-        self._timed_at, self._taken_at = float("-inf"), 0.0  # clock times of the last frame timed, and uploaded
+        # clock times of the last timed frame and of the last upload
+        self._timed_at, self._taken_at = float("-inf"), 0.0
         self.playback: Playback | None = None
         self._manner = Manner(loop_file, speed)
         self._start: tuple[Medium, float] | None = playlist.current, start_s
-        self._pixels: PixelFormat | None = None  # that the renderer is open for
+        self._pixels: PixelFormat | None = None  # the format that the renderer is open for
         self._lateness: Lateness | None = None
-        self._prepared: Opening | None = None  # comes next
+        self._prepared: Opening | None = None  # the next medium
         self.keep_open, self.fade, self.crossfade_s = keep_open, Fade(fade_s, clock), crossfade_s
         self._leaving: Leaving | None = None
-        self._faded = 1.0, 0.0  # as rendered: the share of light, and of it the share of the medium that leaves
+        self._faded = 1.0, 0.0  # of the last rendered picture: share of the light, and share of the leaving medium
         self._quitting = False
-        self._follows_s: float | None = None  # when the first frame should stand on the screen that comes next
+        self._follows_s: float | None = None  # when the next medium's first frame is due on the screen
         self.programme = Programme(
             playlist,
             opener,
@@ -124,7 +128,7 @@ class Session:
         )
 
     def outcome(self) -> Stats:
-        """What was counted; raises InputError if the show has ended since a medium could not be played."""
+        """Return the counts. Raises InputError if a medium that could not be played ended the show."""
         if self.programme.failure is not None:
             raise self.programme.failure
         if self.room.drifted is not None:
@@ -139,7 +143,7 @@ class Session:
         return self.stats
 
     def close(self) -> None:
-        """End the decoders, and release the renderer: it has been the session's since that began."""
+        """End the decoders, and release the renderer, which belongs to the session."""
         self.programme.close()
         self._hearing.close()
         self._end_crossfade()
@@ -151,13 +155,14 @@ class Session:
         self._incoming = None
 
     def step(self, page: Callable[[], Page | None]) -> None:
-        """Take the frame that is due, if any, and show it; draw again what a key or a remote changed.
+        """Show the frame that is due, if any. Draw the picture again if a key or a remote has changed it.
 
-        page : what is written over the picture; asked when that has been rendered.
+        page : returns the page over the picture; called after rendering.
         """
         self._collect_notices()
         frame = self._due()
-        if frame is None and self.programme.over:  # perhaps only now: the next medium's first frame is due at once
+        # the medium may have ended just now; the next medium's first frame is then due at once
+        if frame is None and self.programme.over:
             frame = self._due()
         self.done = self.done or self.programme.done
         if not self.done:
@@ -166,7 +171,7 @@ class Session:
             self._look_ahead()
 
     def _due(self) -> Frame | None:
-        """The frame that is due, uploaded; the medium's end and its damage are the programme's to act on."""
+        """Return the frame that is due, uploaded. Report the medium's end and its errors to the programme."""
         opening = self.programme.poll()
         if opening is not None:
             self._change_to(opening)
@@ -196,22 +201,22 @@ class Session:
         return self.playback is not None and self.playback.ends_within(seconds, unknown=True)
 
     def _fades_over(self, playback: Playback) -> bool:
-        """Whether it is time that the next medium fades in."""
+        """Whether the next medium should begin to fade in."""
         soon = self.crossfade_s > 0 and self._leaving is None and self._keep() != "always"
         return soon and playback.ends_within(self.crossfade_s) and self.programme.next_waits
 
     def _keep(self) -> str:
-        """What the end leaves: "no", "yes", "always" or "black"."""
+        """Return what remains after the end: "no", "yes", "always" or "black"."""
         usual = "black" if self.display.fullscreen else "no"
         return usual if self.keep_open == "auto" else self.keep_open
 
     def quit(self) -> None:
-        """End the show, once it has faded; the second time at once."""
+        """End the show after a fade to black. A second call ends it at once."""
         self._quitting = not self._quitting and self._draws > 0 and self.fade.seconds > 0 and self.fade.level > 0
         self.done = not self._quitting
 
     def _dark(self) -> bool:
-        """Whether the show is to be black, or on its way there."""
+        """Whether the picture should be black or fade to black."""
         keep, playback = self._keep(), self.playback
         if self.blackout or self._quitting or (self.programme.at_end and keep == "black"):
             return True
@@ -219,7 +224,7 @@ class Session:
         return ends and playback is not None and self.fade.seconds > 0 and playback.ends_within(self.fade.seconds)
 
     def _play_leaving(self) -> None:
-        """Draw the next frame of the medium that fades out; leave it in the end."""
+        """Draw the next frame of the medium that fades out, and close the medium when its weight is 0."""
         leaving = self._leaving
         if leaving is None:
             return
@@ -242,13 +247,13 @@ class Session:
             self._left(leaving.playback)
 
     def _left(self, playback: Playback) -> None:
-        """A medium plays no longer."""
+        """Close a medium that no longer plays, and report its notices."""
         playback.close()
         for text in playback.reader.notices():
             self.notice(text)
 
     def _look_ahead(self) -> None:
-        """Prepare the next medium before the present one ends, at whatever rate frames are due."""
+        """Prepare the next medium before the present one ends, at any frame rate."""
         if self.playback is None or self.programme.over or not self._ends_within(AHEAD_S):
             return
         opening = self.programme.look_ahead()
@@ -266,9 +271,9 @@ class Session:
         self.message.say(text, *([] if seconds is None else [seconds]))
 
     def notice(self, text: str) -> None:
-        """Something that went wrong without stopping the show: for the log, the statistics and who works on the show.
+        """Report an error that did not stop the show to the log, the statistics and the operator.
 
-        An audience that looks at a projector's picture is not told unless that was asked for.
+        An audience in front of a projector sees no notice unless `osd` asks for it.
         """
         text = printable(text)
         tell(text)
@@ -277,11 +282,11 @@ class Session:
             self.say(text, 3.0)
 
     def changed(self) -> None:
-        """Have the view drawn again."""
+        """Draw the view again at the next opportunity."""
         self._changed = True
 
     def uncovered(self) -> None:
-        """Have what is there presented again: the window was resized or uncovered."""
+        """Present the picture again, because the window was resized or uncovered."""
         self._uncovered = True
 
     def adjust(self, adjustments: Adjustments) -> None:
@@ -291,24 +296,24 @@ class Session:
         self.adjustments = adjustments
         outside, before = self.room.stand(adjustments.viewpoint), self._outside
         self._outside = outside
-        if outside is not None and before is None:  # once, until the viewer is back
+        if outside is not None and before is None:  # once, until the viewer is inside again
             self.notice(outside)
         self._changed = True
 
     @property
     def steps(self) -> int:
-        """Of refinement, for the next frame."""
+        """Steps of refinement for the next frame."""
         return self.governor.steps
 
     @property
     def steps_made(self) -> int:
-        """Of refinement, for the picture on the screen; 0 without compensation."""
+        """Steps of refinement in the picture on the screen; 0 without compensation."""
         made = self.compensation and self.adjustments.card is None and self._draws > 0
         return self._steps_drawn if made else 0
 
     @property
     def rates(self) -> tuple[float, float]:
-        """Frames per second that the medium asks for, and that came to the screen; 0 where time stands still."""
+        """Frames per second of the medium and on the screen. Both are 0 during a pause and for a still."""
         playback = self.playback
         if playback is None or playback.paused or playback.reader.info.still:
             return 0.0, 0.0
@@ -316,24 +321,24 @@ class Session:
 
     @property
     def every(self) -> int:
-        """One of how many frames is shown; 1: all."""
+        """n if every n-th frame is shown; 1 for all frames."""
         pace = None if self.playback is None else self.playback.pace
         return 1 if pace is None else pace.every
 
     @property
     def manner(self) -> Playback | Manner:
-        """What holds whether media loop, pause, and how fast they play."""
+        """The object that holds loop, pause and speed."""
         return self.playback or self._manner
 
     @property
     def position_s(self) -> float:
-        """Time within the medium; where the first one is to begin, until it does."""
+        """Time within the medium. Before the first medium plays, the time where it will start."""
         if self.playback is not None:
             return self.playback.position_s
         return 0.0 if self._start is None else self._start[1]
 
     def _change_to(self, opening: Opening) -> None:
-        """Play what has been opened; what it replaces stays on the screen until its first frame is due."""
+        """Play an opened medium. The previous picture stays on the screen until the medium's first frame is due."""
         medium, reader, loop = opening
         before, manner = self.playback, self.manner
         rate = None if reader.info.still else reader.info.frames_per_second
@@ -380,14 +385,14 @@ class Session:
         self.display.set_title(printable(f"{Path(medium.name).name} - Counterlight"))
 
     def _prepare(self, opening: Opening) -> None:
-        """What else a medium needs that comes next: passes of its format, and its sound."""
+        """Prepare the next medium's passes and sound."""
         info = opening.reader.info
-        with suppress(InputError):  # which `open` raises again
+        with suppress(InputError):  # `open` raises it again
             self.renderer.prepare(info.format, crossfade=self.crossfade_s > 0)
         self._hearing.prepare(info, opening.medium)
 
     def _open_renderer(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
-        """Have frames of a format drawn from now on; what is on the screen stays until one comes."""
+        """Prepare the renderers for frames of a format. The picture on the screen stays until a frame comes."""
         self._end_crossfade()
         self._pixels, self._uploaded = None, False
         for renderer in filter(None, (self.renderer, self._incoming)):
@@ -396,7 +401,7 @@ class Session:
         self._pixels = pixels
 
     def replace_renderer(self, renderer: Renderer) -> None:
-        """Take another renderer as soon as it has a frame to show; what is on the screen stays until then."""
+        """Switch to another renderer once it has a frame to show. The picture on the screen stays until then."""
         try:
             if self._pixels is not None:
                 renderer.open(self._pixels)
@@ -412,18 +417,18 @@ class Session:
 
     @staticmethod
     def not_reloaded(error: Exception) -> str:
-        """A line that says why what was there stays."""
+        """Return a line that says why the old maps and shaders stay."""
         known = isinstance(error, InputError | OSError | RuntimeError)
         return f"not reloaded: {' '.join((str(error) if known else repr(error)).split())}"
 
     def certificate(self, max_age_s: float = INTERVAL_S) -> Certificate | None:
-        """How far the picture can be from the best one; measured again if what is known is older."""
+        """Return the bound on the distance from the best picture. Measures it again if it is older than `max_age_s`."""
         if self._uploaded and self._draws:
             self.appraisal.certify(self.renderer, max_age_s)
         return self.appraisal.certificate
 
     def _appraise(self) -> None:
-        """Have the picture's standing estimated where that is of use; draw again what stays if that helps."""
+        """Estimate the distance from the optimum if it is needed, and redraw a lasting picture if that helps."""
         wanted = self._appraised or self.appraisal.asked or self.show_stats or self.governor.within != "no"
         try:
             if wanted and self._draws and self._uploaded:
@@ -437,19 +442,19 @@ class Session:
 
     @property
     def _settles(self) -> bool:
-        """Whether a picture stays on the screen that more or fewer steps may be better for."""
+        """Whether the picture stays on the screen and may need another number of steps."""
         stays = self.playback is not None and (self.playback.reader.info.still or self.playback.paused)
         return stays and self.governor.governs and self._draws > 0 and self._redraws < MOST_REDRAWS
 
     @property
     def rendered(self) -> int:
-        """How many views have been: whether there is one to save, and whether it is another one."""
+        """Number of views rendered so far. 0 means that there is no view to save; a new number means a new view."""
         return self._draws
 
     def _upload(self, frame: Frame, playback: Playback) -> None:
         start, self._taken_at = time.perf_counter(), self.clock()
         try:
-            if frame.format != self._pixels:  # a live source sends others than before
+            if frame.format != self._pixels:  # a live source has changed its format
                 self._open_renderer(frame.format)
             if self._incoming is None or not self._took_over(self._incoming, frame):
                 self.renderer.upload(frame)
@@ -464,12 +469,12 @@ class Session:
             self.notice(advice)
 
     def _took_over(self, incoming: Renderer, frame: Frame) -> bool:
-        """Whether what reload brought can draw a frame: it then takes the place of the renderer, which else stays."""
+        """Try to draw a frame with the reloaded renderer. Returns whether it has replaced the old renderer."""
         self._incoming = None
         try:
             incoming.upload(frame)
             incoming.render(self.view, compensate=self.compensation, frame=self.stats.frames, steps=self.steps)
-        except Exception as error:  # an edited shader can go wrong in any way
+        except Exception as error:  # an edited shader can fail in any way
             incoming.release()
             self.notice(self.not_reloaded(error))
             return False
@@ -481,7 +486,7 @@ class Session:
         return True
 
     def _draw(self, frame: Frame | None, page: Callable[[], Page | None]) -> None:
-        """Render if the view has changed, and present if that or the page over it has; black before the first frame."""
+        """Render a changed view, and present a changed view or page. The display is black before the first frame."""
         self._play_leaving()
         level = self.fade.towards(0.0 if self._dark() else 1.0) if self._draws or not self.fade.seconds else 0.0
         self.done = self.done or (self._quitting and level == 0)
@@ -509,7 +514,7 @@ class Session:
             self.stats.interrupted()
 
     def _keep_pace(self, frame: Frame, playback: Playback, drawn_s: float) -> None:
-        """Show fewer frames, evenly, where the fewest steps take too long; more where there is time again."""
+        """Show fewer frames, evenly, if even the fewest steps take too long. Show more when there is time again."""
         pace = playback.pace
         if pace is None:
             return
@@ -517,7 +522,7 @@ class Session:
             self.governor.slow_to(pace.every * pace.interval_s)
 
     def _every(self, rate: float) -> int:
-        """How many frames of a medium to come one is shown of: as many a second as of the medium before."""
+        """Return n for a new medium, so that showing every n-th frame keeps about the present rate."""
         pace = None if self.playback is None else self.playback.pace
         return 1 if pace is None else max(round(pace.every * pace.interval_s * rate), 1)
 
@@ -541,7 +546,7 @@ class Session:
         self._changed = False
 
     def wait_s(self) -> float:
-        """How long nothing will be due, if nobody acts."""
+        """Return the seconds until something is due, unless a command comes first."""
         if self._changed and self._uploaded:
             return 0.0
         wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)

@@ -1,4 +1,4 @@
-"""The player's settings file: TOML with the options' own names, `[keys]` for key bindings. Options given win."""
+"""The player's settings file: TOML with the options' names and `[keys]` for key bindings. Given options override it."""
 
 import argparse
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ KEYS_TABLE = "keys"
 
 
 class Several(argparse.Action):
-    """Collects what an option is given; the first time replaces the default, which may come from the settings."""
+    """Collects the values of a repeated option. The first value replaces the default, which settings may set."""
 
     def __call__(
         self,
@@ -30,14 +30,14 @@ class Several(argparse.Action):
 
 
 def default_path(environment: Mapping[str, str], home: Path) -> Path:
-    """Where the settings are by the XDG Base Directory Specification."""
+    """Return the path of the settings file by the XDG Base Directory Specification."""
     return Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "counterlight" / "player.toml"
 
 
 def apply_settings(parser: argparse.ArgumentParser, path: Path) -> dict[str, str]:
-    """Make a file's settings the defaults of a parser; returns its key bindings.
+    """Make a file's settings the defaults of a parser, and return its key bindings.
 
-    Raises InputError for an unknown name, with the nearest known one, and for a value that its option refuses.
+    Raises InputError for an unknown name, with the nearest known name, and for a value that its option refuses.
     """
     table = read_toml(path, "correct it, or start with --no-config")
     bindings = _bindings(table.pop(KEYS_TABLE, {}), path)
@@ -56,7 +56,7 @@ def _name(action: argparse.Action) -> str:
 
 
 def _value(action: argparse.Action, value: Any, where: str) -> Any:
-    """What the option would make of it on the command line; a list is one that may be given several times."""
+    """Convert a value as the command line would. A list stands for a repeated option."""
     if isinstance(action, Several) and isinstance(value, list):
         return [_single(action, item, where) for item in value]
     return _single(action, value, where)

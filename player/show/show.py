@@ -1,4 +1,4 @@
-"""A show from loop to loop: what keys and remotes command, what the session shows, what is written over it and told."""
+"""The main loop of a show: keys, remotes, session, overlay, heartbeat and status line."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -22,15 +22,18 @@ from counterlight.unattended.lamps import Lamps
 from counterlight.unattended.room_checks import RoomChecks
 
 STATUS_INTERVAL_S = 0.5
-REDRAW = "redraw"  # not a key: the window was resized or uncovered
+REDRAW = "redraw"  # pseudo-key: the window was resized or uncovered
 
 
 class Show:
-    """A session and all that it answers to.
+    """A session with its keys, remotes and overlay.
 
-    bindings : of the settings file, see Keys.  checks : of the room; None for none.
+    bindings : key bindings of the settings file, see Keys.
+    remotes : sources of commands.
+    heartbeat : reports signs of life; None for none.
+    checks : checks of the room; None for none.
     lamps : projectors that remotes may switch.
-    beside : what else is done from loop to loop, without waiting.
+    beside : functions called once per loop, which must not wait.
     on_interrupt : takes the counts if Ctrl-C or SIGTERM ends the show.
     """
 
@@ -54,15 +57,15 @@ class Show:
         self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
-        """Play until the list ends, the window closes, `q`, or `limit` frames have been shown; ends the session.
+        """Play until the list ends, the window closes, `q`, or `limit` frames have been shown. Ends the session.
 
-        Raises InputError if the show has ended since a medium could not be played.
+        Raises InputError if a medium that could not be played ended the show.
         """
         try:
             with short_collections():
                 self._run(limit)
             return self.session.outcome()
-        except KeyboardInterrupt:  # also SIGTERM: what was counted until then counts
+        except KeyboardInterrupt:  # also SIGTERM; the counts so far are valid
             self._on_interrupt(self.session.outcome())
             raise
         finally:
@@ -81,7 +84,7 @@ class Show:
             for act in self._beside:
                 act()
             self.step()
-            for remote in self._remotes:  # now, for the next frame is as far away as it will be
+            for remote in self._remotes:  # now, because the next frame is as far away as possible
                 remote.poll(self.commands)
             if self._heartbeat is not None and self._heartbeat.due:
                 self._heartbeat.beat(facts(session))
@@ -104,13 +107,13 @@ class Show:
         return self._checked is not None and self._checked.running
 
     def step(self) -> None:
-        """Show what is due, with what is written over it."""
+        """Show the frame that is due, with the page over it."""
         self.session.step(self._overlay.page)
         if self._checked is not None:
             self._checked.poll()
 
     def point(self, pointer: Pointer) -> None:
-        """Pull the picture that is being placed; otherwise the mouse does nothing but click."""
+        """Drag the picture that is being placed. Otherwise mouse movements have no effect."""
         session = self.session
         if session.placing is None:
             return
@@ -119,12 +122,12 @@ class Show:
             return
         at = np.array([[pointer.x, pointer.y]])
         x, y = session.room.pointed_at(at, session.view)[0]
-        if not np.isfinite((x, y)).all():  # where the projector lights nothing that counts
+        if not np.isfinite((x, y)).all():  # the projector lights nothing relevant there
             return
         self.commands.run("place-grab" if pointer.action == "press" else "place-drag", float(x), float(y))
 
     def press(self, key: str) -> None:
-        """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""
+        """Run a key's command and show on the screen what it changed. Unknown keys do nothing."""
         if key == REDRAW:
             self.session.uncovered()
             return

@@ -1,4 +1,4 @@
-"""What a session says of itself: the page that `i` shows, and the facts of the heartbeat."""
+"""Describes a session: the page of key `i`, the status line, and the facts of the heartbeat."""
 
 from pathlib import Path
 from typing import Any
@@ -9,12 +9,12 @@ from counterlight.show.lateness import ordinal
 from counterlight.show.session import Session
 from counterlight.show.stats import DRAWING, LATE_LABELS, STAGES
 
-NAMES = {"gpu": "draw"}  # the key of --stats has the name of what draws on most machines
+NAMES = {"gpu": "draw"}  # the key in --stats has the name of the usual drawing device
 BARE = {"map": "the map's picture", "direct": "direct mapping"}
 
 
 def stats_page(session: Session, message: str) -> Page:
-    """Medium, position, rates, the milliseconds of each stage, refinement, and how late frames were."""
+    """Return the page with medium, position, rates, milliseconds per stage, refinement and a histogram of lateness."""
     stats, playback = session.stats, session.playback
     assert playback is not None
     info = playback.reader.info
@@ -41,14 +41,14 @@ def stats_page(session: Session, message: str) -> Page:
 
 
 def _drawing(session: Session) -> list[str]:
-    """The stages of drawing, and what of it is each step."""
+    """Return the line with the stages of drawing, including the time per step."""
     stats = session.stats
     stages = [f"{stage} {stats.median_ms(stage):.1f} ms" for stage in DRAWING if stats.has(stage)]
     return ["drawing\t" + ", ".join(stages)] if stages else []
 
 
 def _refinement(session: Session, certificate: Certificate | None) -> list[str]:
-    """Steps, where they lead, and what as many again would bring and take."""
+    """Return the lines about steps, their result, and the gain and cost of as many steps again."""
     governor, found = session.governor, session.appraisal.shortfall
     wanted = {"budget": governor.budget, "within": governor.within}
     limits = "".join(f", {name} {value:g}" for name, value in wanted.items() if value != "no")
@@ -71,7 +71,7 @@ def _outside(certificate: Certificate | None) -> list[str]:
 
 
 def position(session: Session) -> str:
-    """`0:00:05 / 0:01:30 (6 %)`."""
+    """Return the position in the form `0:00:05 / 0:01:30 (6 %)`."""
     playback = session.playback
     assert playback is not None
     duration_s = playback.reader.info.duration_s
@@ -80,7 +80,7 @@ def position(session: Session) -> str:
 
 
 def status_line(session: Session) -> str:
-    """What a terminal says while a medium plays."""
+    """Return the line that a terminal shows while a medium plays."""
     stats = session.stats
     listed = f"[{session.programme.on + 1}/{len(session.playlist.media)}] " if len(session.playlist.media) > 1 else ""
     refined = f", {session.steps_made} steps" if session.steps_made else ""
@@ -89,14 +89,14 @@ def status_line(session: Session) -> str:
 
 
 def _rates(session: Session) -> str:
-    """`24.8 of 25 fps`, or `8.3 of 25 fps, every 3rd frame`."""
+    """Return `24.8 of 25 fps`, or `8.3 of 25 fps, every 3rd frame`."""
     requested, shown = session.rates
     evenly = f", every {ordinal(session.every)} frame" if session.every > 1 else ""
     return f"{shown:.1f} of {requested:.3g} fps{evenly}"
 
 
 def facts(session: Session) -> dict[str, Any]:
-    """JSON-able: what somebody far away wants to know of the show. Costs a step of refinement, for the gap."""
+    """Return the state of the show for a remote observer, as JSON values. Costs a step of refinement, for the gap."""
     stats, playback = session.stats, session.playback
     certificate = session.certificate()
     gap = {} if certificate is None else certificate.to_dict()

@@ -1,4 +1,4 @@
-"""Asking a player at its control socket, as its clients do: one command, one answer."""
+"""Sends one command to a player's control socket and returns its answer."""
 
 import json
 import socket
@@ -13,13 +13,13 @@ FIX = "is the player running with --control and this name?"
 
 
 def check_control(control: Path) -> None:
-    """InputError for a name that is no socket; for what is asked before long work."""
+    """Raise InputError if `control` is not a socket. Call this before long work."""
     if not control.is_socket():
         raise InputError(f"{control}: no socket; {FIX}")
 
 
 def ask(control: Path, *command: str) -> None:
-    """Have a player run a command; InputError if nobody listens, or if it says that it could not."""
+    """Make a player run a command. Raises InputError if no player listens, or if the command failed."""
     try:
         with socket.socket(socket.AF_UNIX) as connection:
             connection.settimeout(PATIENCE_S)
@@ -34,7 +34,7 @@ def ask(control: Path, *command: str) -> None:
 
 
 def _answer(connection: socket.socket) -> dict[str, object]:
-    """The line that is an answer; events come between."""
+    """Return the answer among the received lines, which may include events."""
     waiting = b""
     while more := connection.recv(4096):
         *lines, waiting = (waiting + more).split(b"\n")

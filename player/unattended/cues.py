@@ -1,7 +1,8 @@
-"""Where a show is, told from machine to machine: questions and answers in datagrams of one size.
+"""Sends a show's position from machine to machine, by questions and answers in datagrams of one size.
 
-A follower asks, the leader answers at once, by threads of their own, so that nobody's frame delays a clock. An answer
-is no longer than its question, and a question changes nothing: whoever may send one learns where the show is.
+A follower asks, and the leader answers at once. Both use their own threads, so that drawing a frame delays no answer.
+An answer is as long as its question, and a question changes nothing. Everyone who can send a question learns the
+position of the show.
 """
 
 import math
@@ -21,17 +22,22 @@ PORT, EVERYWHERE = 7325, "0.0.0.0"
 MAGIC = b"CLc1"
 MESSAGE = struct.Struct("!4sBxxxIIddiddd")  # magic, state, run, number, asked, answered; item, media, at, speed
 PAUSED, MOVING = 1, 2  # bits of the state
-FIRST_ASKED_S, ASKED_S = 0.05, 0.2  # between questions, until a clock is known, and then
-SILENT_S = 3.0  # without an answer
-UNANSWERED = 64  # questions whose answers are still taken
-LATEST = 1e12  # of any time
+FIRST_ASKED_S, ASKED_S = 0.05, 0.2  # time between questions: until the clock is known, and afterwards
+SILENT_S = 3.0  # time without an answer after which the leader counts as silent
+UNANSWERED = 64  # number of questions whose answers are still accepted
+LATEST = 1e12  # largest accepted time
 
 
 @dataclass(frozen=True)
 class Cue:
-    """Where a show is: at clock time `at_s` (the leader's) `media_s` of the list's item was due.
+    """The position of a show.
 
-    item : -1 while nothing plays.  moving : whether time goes on, `speed` media seconds a second.
+    item : position in the list; -1 while nothing plays.
+    media_s : media time that was due at clock time `at_s`.
+    at_s : the leader's clock time.
+    speed : media seconds per second.
+    paused : whether the show is paused.
+    moving : whether media time advances.
     """
 
     item: int = -1
@@ -44,7 +50,12 @@ class Cue:
 
 @dataclass(frozen=True)
 class Heard:
-    """cue : the leader's last one.  offset_s : its clock less ours.  round_trip_s : see ClockOffset."""
+    """A leader's answer.
+
+    cue : the leader's last cue.
+    offset_s : the leader's clock minus the local clock.
+    round_trip_s : see ClockOffset.
+    """
 
     cue: Cue
     offset_s: float
@@ -52,9 +63,9 @@ class Heard:
 
 
 class Beacon:
-    """Answers followers; raises InputError where it cannot listen.
+    """Answers followers. Raises InputError if it cannot listen.
 
-    address : (host, port); an empty host is every one of this machine.
+    address : (host, port); an empty host means all addresses of this machine.
     """
 
     def __init__(self, address: tuple[str, int], clock: Callable[[], float] = time.monotonic) -> None:
@@ -66,7 +77,7 @@ class Beacon:
         self._thread.start()
 
     def tell(self, cue: Cue) -> None:
-        """What is answered from now on."""
+        """Set the cue that is sent from now on."""
         self._cue = cue
 
     def close(self) -> None:
@@ -76,7 +87,7 @@ class Beacon:
 
     def _answer(self) -> None:
         while not self._closed:
-            with suppress(OSError):  # nobody asks; or he that asked is no longer there
+            with suppress(OSError):  # no question, or the follower has gone
                 question, sender = self._socket.recvfrom(MESSAGE.size + 1)
                 if len(question) == MESSAGE.size and question.startswith(MAGIC):
                     _, _, _, number, asked_s, *_ = MESSAGE.unpack(question)
@@ -90,7 +101,7 @@ class Beacon:
 
 
 class Listener:
-    """Asks a leader where the show is, for ever; one that is not there yet, or no longer, is waited for."""
+    """Asks a leader for its position, without end. Waits for a leader that has not started or has gone."""
 
     def __init__(self, address: tuple[str, int], clock: Callable[[], float] = time.monotonic) -> None:
         self._address, self._clock = address, clock
@@ -98,30 +109,30 @@ class Listener:
         self._heard: Heard | None = None
         self._heard_at_s = float("-inf")
         self._number = 0
-        self._asked: dict[int, float] = {}  # number, when
+        self._asked: dict[int, float] = {}  # time of each question, by number
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="listener", daemon=True)
         self._thread.start()
 
     @property
     def heard(self) -> Heard | None:
-        """What the leader says; None while it is silent or its clock not yet known."""
+        """The leader's answer. None while the leader is silent or its clock is unknown."""
         return self._heard if self._clock() - self._heard_at_s < SILENT_S else None
 
     def close(self) -> None:
         self._closed.set()
-        self._thread.join(ASKED_S)  # it may be waiting for a name to be found
+        self._thread.join(ASKED_S)  # the thread may be waiting for a name lookup
 
     def _listen(self) -> None:
         while not self._closed.is_set():
-            with suppress(OSError), _connected(self._address) as link:  # no such host, no network: again, soon
+            with suppress(OSError), _connected(self._address) as link:  # no such host, no network: tries again soon
                 last_s = self._clock()
                 while not self._closed.is_set() and self._clock() - max(last_s, self._heard_at_s) < SILENT_S:
                     self._ask(link)
             self._closed.wait(ASKED_S)
 
     def _ask(self, link: socket.socket) -> None:
-        """One question, and every answer that comes until the next is due."""
+        """Send one question, and take every answer until the next question is due."""
         self._number = (self._number + 1) % (1 << 32)
         asked_s = self._clock()
         self._asked[self._number] = asked_s
@@ -152,7 +163,7 @@ class Listener:
 
 
 def read_address(text: str, *, host: str | None = None, port: int | None = None) -> tuple[str, int]:
-    """`HOST:PORT`, `[::1]:PORT`, and whichever half the defaults allow to be left out; ValueError otherwise."""
+    """Parse `HOST:PORT` or `[::1]:PORT`. A part with a default may be omitted. Raises ValueError otherwise."""
     before, colon, after = text.rpartition(":")
     if (text.startswith("[") and text.endswith("]")) or not colon:
         before, after = (text, "") if port is not None else ("", text)
@@ -162,7 +173,7 @@ def read_address(text: str, *, host: str | None = None, port: int | None = None)
     number = int(after) if after.isascii() and after.isdecimal() and len(after) < 6 else port if not after else None
     if number is None or not 0 < number < 1 << 16:
         raise ValueError(text)
-    name.encode("idna")  # a UnicodeError is a ValueError
+    name.encode("idna")  # UnicodeError is a ValueError
     return name, number
 
 
@@ -190,7 +201,7 @@ def _listening(address: tuple[str, int]) -> socket.socket:
 
 
 def _connected(address: tuple[str, int]) -> socket.socket:
-    """A socket that hears nobody but the leader."""
+    """Return a socket that receives only from the leader."""
     kind, *_, where = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
     made = socket.socket(kind, socket.SOCK_DGRAM)
     try:

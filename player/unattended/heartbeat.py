@@ -1,4 +1,4 @@
-"""Signs of life: a JSON line now and then, and systemd's notification protocol (sd_notify(3)) by a plain socket."""
+"""Signs of life: one JSON line per interval, and systemd's notification protocol (sd_notify(3)) over a plain socket."""
 
 import json
 import os
@@ -15,15 +15,19 @@ from counterlight.unattended.inbox import INHERITED
 from counterlight.unattended.json_lines import encode
 
 INTERVAL_S = 1.0
-MAX_LOG_BYTES = 16 << 20  # then FILE becomes FILE.1: a show of months fills no disk
-FACTS = "X_COUNTERLIGHT"  # systemd ignores variables that begin with X_; our supervisor reads them
+MAX_LOG_BYTES = 16 << 20  # FILE is then renamed to FILE.1, so that a show of months does not fill the disk
+FACTS = "X_COUNTERLIGHT"  # systemd ignores variables that begin with X_; the supervisor reads this variable
 
 
 class Notifier:
-    """Tells a service manager at a datagram socket how we are; nobody there is no fault of the show's."""
+    """Sends the show's state to a service manager's datagram socket. A missing manager is no error."""
 
     def __init__(self, address: str | None) -> None:
-        """Address : the value of NOTIFY_SOCKET, a path, `@` and an abstract name, or an Inbox's; None tells nobody."""
+        """Open the socket.
+
+        address : value of NOTIFY_SOCKET (a path, or `@` and an abstract name), or an Inbox's address; None sends
+            nothing.
+        """
         self._address: str | None = None
         self._socket: socket.socket | None = None
         if address and address.startswith(INHERITED):
@@ -36,7 +40,7 @@ class Notifier:
             self._socket.setblocking(False)
 
     def send(self, **variables: str) -> bool:
-        """Tell it; whether it was taken (the manager may have no room just now)."""
+        """Send variables. Returns False if they were not sent, for example because the manager's buffer is full."""
         if self._socket is not None:
             message = "\n".join(f"{name}={value}" for name, value in variables.items()).encode()
             with suppress(OSError):
@@ -50,12 +54,14 @@ class Notifier:
 
 
 class Heartbeat:
-    """Writes what a show says of itself, at most once an interval; costs a look at the clock otherwise.
+    """Reports a show's facts, at most once per interval. Other calls cost only a look at the clock.
 
-    target : a file that lines are added to, "-" for stderr, None for none.
-    notifier : told READY=1 with the first beat, WATCHDOG=1 and the facts with every one.
+    A line holds `time` (Unix, seconds), `pid`, `rss_bytes`, `fps` (frames shown since the last line) and the facts.
 
-    A line holds `time` (Unix, seconds), `pid`, `rss_bytes`, `fps` (frames shown since the line before) and the facts.
+    target : a file that lines are appended to, "-" for stderr, None for no lines.
+    notifier : receives READY=1 with the first beat, WATCHDOG=1 and the facts with every beat.
+    interval_s : shortest time between two beats.
+    clock : seconds, monotonic.
     """
 
     def __init__(
@@ -71,15 +77,15 @@ class Heartbeat:
         self._notifier, self._interval_s, self._clock = notifier, interval_s, clock
         self._told_at = float("-inf")
         self._frames: object = None
-        self._ready = False  # and told so
+        self._ready = False  # whether READY=1 was sent
 
     @property
     def due(self) -> bool:
-        """Whether the next beat will be told: facts need not be collected before."""
+        """Whether the next call of `beat` will report. Facts need not be collected otherwise."""
         return self._clock() - self._told_at >= self._interval_s
 
     def beat(self, facts: Mapping[str, object]) -> None:
-        """Tell the facts (JSON-able), if an interval has passed since they were told last."""
+        """Report the facts (JSON values) if an interval has passed since the last report."""
         if not self.due:
             return
         now, frames = self._clock(), facts.get("frames")
@@ -95,7 +101,7 @@ class Heartbeat:
             self._write(encode({"time": round(time.time(), 3), "pid": os.getpid(), "rss_bytes": rss_bytes()} | facts))
 
     def close(self) -> None:
-        """Say that silence is meant from now on."""
+        """Announce that no more beats will follow, and close the files."""
         self._notifier.send(STOPPING="1")
         self._notifier.close()
         if self._file is not None and self._path is not None:
@@ -108,7 +114,7 @@ class Heartbeat:
         return {}
 
     def _write(self, line: bytes) -> None:
-        """Add a line; one that would wait (a full pipe) or fail (a full disk) is left out: the show goes on."""
+        """Append a line. Skip it if writing would wait (full pipe) or fails (full disk): the show must go on."""
         assert self._file is not None
         with suppress(OSError, InputError):
             if not select.select([], [self._file], [], 0)[1]:
@@ -122,7 +128,7 @@ class Heartbeat:
 
 
 def rss_bytes(pid: int | str = "self") -> int | None:
-    """Resident memory of a process, as Linux tells it; None elsewhere."""
+    """Return the resident memory of a process in bytes, from Linux's /proc. None on other systems."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     except OSError:
@@ -131,7 +137,7 @@ def rss_bytes(pid: int | str = "self") -> int | None:
 
 
 def read_facts(message: Mapping[str, str]) -> dict[str, object]:
-    """The facts of a beat that a Notifier has sent; none when they cannot be read."""
+    """Return the facts of a beat that a Notifier sent. Empty if they cannot be read."""
     try:
         facts = json.loads(message.get(FACTS, "{}"))
     except ValueError:
@@ -141,7 +147,7 @@ def read_facts(message: Mapping[str, str]) -> dict[str, object]:
 
 def _status(facts: Mapping[str, object]) -> str:
     told = (f"{name} {facts[name]}" for name in ("path", "time_pos", "fps", "dropped") if name in facts)
-    return printable(", ".join(told))  # one line, whatever a file is called
+    return printable(", ".join(told))  # one line, whatever the file's name contains
 
 
 def _open(path: Path) -> int:

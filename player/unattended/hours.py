@@ -1,4 +1,4 @@
-"""When a show plays, by the days and hours of the week, and projectors that are switched on and off for it."""
+"""When a show plays, by day and hour of the week, and the projectors that are switched for it."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -10,12 +10,15 @@ from counterlight.errors import InputError
 from counterlight.unattended.pjlink import Projector, status_of, switch
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
-LOOK_S, AGAIN_S = 600.0, 10.0  # between looks at a projector, and at one that has not obeyed yet
+LOOK_S, AGAIN_S = 600.0, 10.0  # time between two queries of a projector, and of a projector that has not yet obeyed
 
 
 @dataclass(frozen=True)
 class Hours:
-    """From one time of the day to another, on the next day if that is not later, on the days that it begins on."""
+    """Daily hours from `begin` to `end`, on the weekdays `days` (0 is Monday) when they begin.
+
+    An `end` that is not after `begin` is on the next day.
+    """
 
     days: frozenset[int]
     begin: time
@@ -33,9 +36,12 @@ class Hours:
 
 @dataclass(frozen=True)
 class Schedule:
-    """hours : None for always.  closed : days on which nothing begins.
+    """When a show plays.
 
-    ahead : how long before the show projectors are switched on.
+    hours : hours of the show; None for a show that always plays.
+    closed : days on which no interval begins.
+    projectors : projectors to switch for the show.
+    ahead : how long before the show the projectors are switched on.
     """
 
     hours: tuple[Hours, ...] | None
@@ -47,15 +53,16 @@ class Schedule:
         return self.hours is None or any(each.cover(now, self.closed) for each in self.hours)
 
     def lit(self, now: datetime) -> bool:
-        """Whether projectors are to be on."""
+        """Whether the projectors should be on."""
         return self.plays(now) or self.plays(now + self.ahead)
 
 
 class Keeper:
-    """Switches projectors on and off by a schedule, each by a thread of its own, and tells how they are.
+    """Switches projectors by a schedule and prints their state. Each projector has its own thread.
 
-    Told once, until it has obeyed: who switches a projector by hand meanwhile has his reasons.
-    schedule : as it is when asked; the projectors are those of the first time.
+    A projector gets each order only until it obeys. Later switching by hand is respected.
+
+    schedule : returns the present schedule. The projectors are read from it once.
     """
 
     def __init__(self, schedule: Callable[[], Schedule], clock: Callable[[], datetime] = datetime.now) -> None:
@@ -86,17 +93,17 @@ class Keeper:
             self._closed.wait(1.0 if obeyed else AGAIN_S)
 
     def _look(self, projector: Projector, on: bool) -> None:
-        """One step towards what is wanted, and a line about what is new."""
+        """Query a projector, send the order that is still missing, and print a changed status."""
         try:
             status = status_of(projector)
             if self._obeyed.get(projector) != on:
                 if status.power == ("on" if on else "off"):
                     self._obeyed[projector] = on
                 else:
-                    self._obeyed.pop(projector, None)  # what it obeyed before, it no longer does
+                    self._obeyed.pop(projector, None)  # its earlier state no longer holds
                     if status.settled:
                         switch(projector, on=on)
-            news = f"{replace(status, lamp_hours=())}"  # hours always grow
+            news = f"{replace(status, lamp_hours=())}"  # lamp hours always grow
             line = f"projector {projector}: {status}"
         except InputError as error:
             news = line = str(error)

@@ -1,16 +1,16 @@
-"""Where a supervisor hears its player: a pair of sockets without a name. Nobody else is heard, and nothing is left."""
+"""The supervisor's end of an anonymous pair of sockets, on which only its player can send messages."""
 
 import socket
 from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-INHERITED = "fd:"  # of heartbeat.Notifier's addresses: the number of a socket that its process was given follows
-MOST = 64  # messages a look: whoever never stops is not listened to for ever
+INHERITED = "fd:"  # prefix of a heartbeat.Notifier address; an inherited socket's number follows
+MOST = 64  # messages per call, so that a flood of messages cannot block the supervisor
 
 
 class Inbox:
-    """Messages of sd_notify(3) from one process, which is to inherit `theirs` and find `address` in NOTIFY_SOCKET."""
+    """Receives sd_notify(3) messages from one process, which inherits `theirs` and finds `address` in NOTIFY_SOCKET."""
 
     def __init__(self) -> None:
         self._ours, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -19,16 +19,16 @@ class Inbox:
         self.address = f"{INHERITED}{self.theirs}"
 
     def handed_over(self) -> None:
-        """The process has been started."""
+        """Close this process's copy of `theirs`, after the child process has been started."""
         self._theirs.close()
 
     def fileno(self) -> int:
         return self._ours.fileno()
 
     def drain(self) -> dict[str, str]:
-        """The variables told since the last call, the newest of each."""
+        """Return the variables received since the last call, the newest value of each."""
         told: dict[str, str] = {}
-        with suppress(OSError):  # nothing more, or the process has gone
+        with suppress(OSError):  # no more messages, or the process has gone
             for _ in range(MOST):
                 lines = self._ours.recv(1 << 16).decode(errors="replace").splitlines()
                 told |= dict(line.split("=", 1) for line in lines if "=" in line)

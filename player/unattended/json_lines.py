@@ -1,4 +1,4 @@
-"""One JSON value a line, as the control socket and the heartbeat write them."""
+"""JSON lines: one JSON value per line, for the control socket and the heartbeat."""
 
 import json
 import math
@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 
 def encode(value: object) -> bytes:
-    """A line of JSON in ASCII; numbers that JSON does not know (NaN, infinity) become null."""
+    """Encode a value as a line of JSON in ASCII. NaN and infinity become null."""
     return json.dumps(finite(value), allow_nan=False).encode("ascii") + b"\n"
 
 
 def finite(value: object) -> object:
-    """The same with null for numbers that JSON does not know, tuples and mappings as JSON has them."""
+    """Replace NaN and infinity by None, and convert tuples and mappings to JSON's types."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Projectors (PJLink) as a show's remotes see and switch them, without the show ever waiting for one."""
+"""Projectors (PJLink) that a show's remotes can observe and switch. The show never waits for a projector."""
 
 import threading
 from collections.abc import Sequence
@@ -7,24 +7,29 @@ from typing import Any
 from counterlight.errors import InputError
 from counterlight.unattended.pjlink import POWERS, Projector, Status, status_of, switch
 
-LOOK_S, AGAIN_S = 60.0, 5.0  # between looks at one that is on or off, and at one that warms up or cools down
+# time between two queries: of a projector that is on or off, and of one that warms up or cools down
+LOOK_S, AGAIN_S = 60.0, 5.0
 
 
 class Lamps:
-    """Each projector has a thread, which switches it and asks how it is."""
+    """Switches and queries projectors, each in its own thread."""
 
     def __init__(self, projectors: Sequence[Projector]) -> None:
         self._lamps = [_Lamp(projector) for projector in projectors]
 
     def told(self) -> list[dict[str, Any]]:
-        """Of each: address, power (one of pjlink.POWERS, null until it has answered), lamp-hours, faults, trouble."""
+        """Return each projector's address, power (of POWERS, null if unknown), lamp hours, faults and trouble."""
         return [lamp.told() for lamp in self._lamps]
 
     def __len__(self) -> int:
         return len(self._lamps)
 
     def switch(self, number: int | None, *, on: bool) -> None:
-        """Have one of them, or all, switched soon.  number : from 0, below their number; None for all."""
+        """Order projectors to be switched.
+
+        number : number of the projector, from 0; None for all.
+        on : whether to switch on.
+        """
         for lamp in self._lamps if number is None else [self._lamps[number]]:
             lamp.switch(on)
 
@@ -73,7 +78,7 @@ class _Lamp:
             self._awake.wait(LOOK_S if settled else AGAIN_S)
 
     def _look(self) -> None:
-        """One step towards what is wanted."""
+        """Query the projector, and send the order that is still missing."""
         self._status, wanted = status_of(self._projector), self._wanted
         if wanted is not None and self._status.settled:
             if self._status.power != POWERS[wanted]:

@@ -1,4 +1,4 @@
-"""A Unix socket to listen at: ours alone, in place of a dead one, never of a live one."""
+"""Listens at a Unix socket for this user alone. Replaces a dead player's socket, never a live player's."""
 
 import errno
 import os
@@ -10,28 +10,28 @@ from pathlib import Path
 
 from counterlight.errors import InputError
 
-MAX_ADDRESS = 107  # bytes of a path, of Linux; others have a few less
-_UNBORN = re.compile(r"\.([0-9a-f]{1,7})\.new")  # a socket that is not listening yet, and whose it is
+MAX_ADDRESS = 107  # bytes of a socket path on Linux; other systems allow a few less
+_UNBORN = re.compile(r"\.([0-9a-f]{1,7})\.new")  # a socket that does not listen yet; the digits are its process
 
 
 def listen(path: Path, backlog: int) -> socket.socket:
-    """A socket that listens at `path`, with rights for this user alone, in place of what a dead player left there.
+    """Return a socket that listens at `path`, with access for this user only. Replaces a dead player's socket.
 
-    It is there only once it listens: whoever sees it can connect. Raises InputError where somebody listens, where
-    something else lies, and where the system refuses.
+    The path appears only once the socket listens, so that every client that sees it can connect. Raises InputError if
+    another process listens there, if a file is in the way, or if the system refuses.
     """
     _make_room(path)
     unborn = path.with_name(f".{os.getpid():x}.new")
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        if len(os.fsencode(path)) > MAX_ADDRESS:  # clients could not name it
+        if len(os.fsencode(path)) > MAX_ADDRESS:  # clients could not connect to it
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         os.fchmod(listener.fileno(), 0o600)  # Linux gives the file these rights from its first moment
         listener.bind(str(unborn))
         unborn.chmod(0o600)
         listener.listen(backlog)
         listener.setblocking(False)
-        os.link(unborn, path)  # unlike a rename, never over another's
+        os.link(unborn, path)  # unlike a rename, a link never replaces another file
     except FileExistsError:
         listener.close()
         raise InputError(f"{path}: another player has begun to listen here; end it, or give another path") from None
@@ -48,7 +48,7 @@ def listen(path: Path, backlog: int) -> socket.socket:
 
 
 def _make_room(path: Path) -> None:
-    """Remove what dead players have left."""
+    """Remove the sockets of dead players."""
     with suppress(OSError):
         for match in filter(None, map(_UNBORN.fullmatch, os.listdir(path.parent))):
             leftover = path.with_name(match[0])
@@ -71,7 +71,7 @@ def _is_running(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # another user's
+    except OSError:  # a process of another user
         return True
     return True
 
@@ -81,6 +81,6 @@ def _is_alive(path: Path) -> bool:
         probe.setblocking(False)
         try:
             code = probe.connect_ex(str(path))
-        except OSError:  # a path that no socket can have
+        except OSError:  # no socket can have this path
             return False
     return code not in (errno.ECONNREFUSED, errno.ENOENT)

@@ -1,10 +1,10 @@
-"""Projectors by the network: PJLink, class 1 (JBMIA's specification 1.04), on TCP port 4352.
+"""Controls projectors over the network: PJLink class 1 (JBMIA's specification 1.04), on TCP port 4352.
 
-    projector   PJLINK 0, or PJLINK 1 and eight characters, where it asks for a password
-    we          %1POWR 1, after the MD5 of these characters and the password where it asks
+    projector   PJLINK 0, or PJLINK 1 and eight characters if it needs a password
+    we          %1POWR 1, preceded by the MD5 of these characters and the password if it needs a password
     projector   %1POWR=OK, or =ERR1 to =ERR4, or PJLINK ERRA for a wrong password
 
-A carriage return ends each line. A connection is for a few questions: a projector ends one that is silent for 30 s.
+A carriage return ends each line. Each connection is short, because a projector closes it after 30 s of silence.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ from counterlight.errors import InputError, one_line
 
 PORT = 4352
 ANSWER_S = 5.0  # class 1 allows 2 s for an answer
-LONGEST_LINE = 136 + 128  # bytes of class 1, and as many beyond it
+LONGEST_LINE = 136 + 128  # bytes: class 1's longest line, and a reserve
 POWERS = ("off", "on", "cooling", "warming up")
 PARTS = ("fan", "lamp", "temperature", "cover", "filter", "other")
 STATES = ("", "warning", "error")
@@ -30,7 +30,12 @@ REFUSALS = {
 
 @dataclass(frozen=True)
 class Projector:
-    """host, port : where it listens.  password : if it asks for one."""
+    """The address of a projector.
+
+    host : name or IP address.
+    port : TCP port.
+    password : if the projector needs a password.
+    """
 
     host: str
     port: int = PORT
@@ -42,7 +47,12 @@ class Projector:
 
 @dataclass(frozen=True)
 class Status:
-    """power : one of POWERS.  lamp_hours : of each lamp.  faults : such as `filter: warning`."""
+    """The state of a projector.
+
+    power : one of POWERS.
+    lamp_hours : hours of each lamp.
+    faults : such as `filter: warning`.
+    """
 
     power: str
     lamp_hours: tuple[int, ...] = ()
@@ -50,7 +60,7 @@ class Status:
 
     @property
     def settled(self) -> bool:
-        """Whether it takes orders: while it warms up or cools down it does not."""
+        """Whether the projector accepts orders. It does not while it warms up or cools down."""
         return self.power in ("on", "off")
 
     def __str__(self) -> str:
@@ -59,7 +69,7 @@ class Status:
 
 
 def switch(projector: Projector, *, on: bool) -> None:
-    """Have it warm up or cool down, which takes a minute or more; InputError where it does not."""
+    """Make the projector warm up or cool down, which takes a minute or more. Raises InputError if it refuses."""
     with closing(_Link(projector)) as link:
         answer = link.ask("POWR", "1" if on else "0")
         if answer != "OK":
@@ -67,7 +77,7 @@ def switch(projector: Projector, *, on: bool) -> None:
 
 
 def status_of(projector: Projector) -> Status:
-    """How it is; InputError where it does not say. Lamps and faults are left out where a projector knows of none."""
+    """Query a projector. Raises InputError if it does not answer. Unknown lamp hours and faults are omitted."""
     with closing(_Link(projector)) as link:
         power = link.ask("POWR", "?")
         if not (power.isascii() and power.isdecimal() and int(power) < len(POWERS)):
@@ -76,7 +86,7 @@ def status_of(projector: Projector) -> Status:
 
 
 class _Link:
-    """One connection, greeted."""
+    """One connection, after the projector's greeting."""
 
     def __init__(self, projector: Projector) -> None:
         self._projector, self._arrived = projector, b""
@@ -91,9 +101,9 @@ class _Link:
             raise
 
     def ask(self, command: str, value: str) -> str:
-        """What the projector answers to `%1COMMAND value`, behind the equals sign."""
+        """Return the answer to `%1COMMAND value`: the text after the equals sign."""
         self._send(f"{self._prefix}%1{command} {value}\r")
-        self._prefix = ""  # the digest is for the first command
+        self._prefix = ""  # only the first command carries the digest
         answer = self._line()
         if answer.upper() == "PJLINK ERRA":
             raise InputError(f"projector {self._projector}: the password is wrong; correct it")
@@ -110,7 +120,7 @@ class _Link:
         self._socket.close()
 
     def _greeted(self, greeting: str) -> str:
-        """What goes before the first command."""
+        """Return the prefix of the first command."""
         words = greeting.split()
         if words == ["PJLINK", "0"]:
             return ""
@@ -148,7 +158,7 @@ class _Link:
 
 
 def _hours(answer: str) -> tuple[int, ...]:
-    """`1234 1 56 0` -> (1234, 56): hours of each lamp, and whether it is on."""
+    """Parse `1234 1 56 0` -> (1234, 56). Each lamp has its hours and whether it is on."""
     words = answer.split()
     if len(words) % 2 or not all(word.isascii() and word.isdecimal() and len(word) < 9 for word in words):
         return ()

@@ -1,4 +1,4 @@
-"""counterlight verify as a child process beside a show (docs/drift.md): begun, waited for without waiting, ended."""
+"""Runs counterlight verify as a child process during a show (docs/drift.md), without waiting for it."""
 
 import subprocess
 import tempfile
@@ -7,21 +7,27 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, NamedTuple
 
-LONGEST_S = 600.0  # a camera that does not answer
-ENDING_S = 2.0  # a supervisor takes a player for dead that is silent for 3
+LONGEST_S = 600.0  # limit for a camera that does not answer
+ENDING_S = 2.0  # shorter than the 3 s of silence after which a supervisor takes a player for dead
 
 
 class Outcome(NamedTuple):
-    """code : the exit code.  said : the last line."""
+    """The result of a check.
+
+    code : exit code.
+    said : last line of the output.
+    """
 
     code: int
     said: str
 
 
 class RoomChecks:
-    """One check after another.
+    """Runs checks of the room, one at a time.
 
-    command : of a check.  every_s : from the end of one, or from now, until the next is due.
+    command : command line of a check.
+    every_s : seconds from the end of a check, or from now, until the next check is due.
+    clock : seconds, monotonic.
     """
 
     def __init__(self, command: Sequence[str], every_s: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -38,7 +44,7 @@ class RoomChecks:
         return not self.running and self._clock() - self._since >= self._every_s
 
     def begin(self) -> None:
-        """OSError if there is no place for another process."""
+        """Start a check. Raises OSError if no process can be started."""
         self._since = self._clock()
         said = tempfile.TemporaryFile()  # noqa: SIM115 - held until the child ends; a pipe could fill
         try:
@@ -49,7 +55,7 @@ class RoomChecks:
         self._child = process, said
 
     def outcome(self) -> Outcome | None:
-        """What came of the check that runs; None until it has ended."""
+        """Return the result of the running check, None until it has ended."""
         if self._child is None:
             return None
         process, said = self._child
@@ -64,7 +70,7 @@ class RoomChecks:
         return Outcome(process.returncode, f"it did not end in {LONGEST_S:.0f} s" if overdue else last)
 
     def close(self) -> None:
-        """End the check that runs, if any."""
+        """End the running check, if any."""
         if self._child is None:
             return
         process, said = self._child

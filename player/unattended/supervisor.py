@@ -1,12 +1,12 @@
-"""counterlight play --supervise: the player as a child process that is started again whenever it dies or hangs.
+"""counterlight play --supervise: runs the player as a child process, and restarts it whenever it crashes or hangs.
 
-The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of heartbeat.py at an
-inbox (inbox.py), and tells systemd in turn. It holds no picture and no codec, so that little can end it.
+The supervisor is the player's service manager. It receives READY=1, WATCHDOG=1 and the facts of heartbeat.py at an
+inbox (inbox.py), and reports to systemd in turn. It holds no picture and no codec, so that little can crash it.
 
-    crash        the player ends with a signal or an exit code that is not clean, or is silent for SILENCE_S
+    crash        the player ends with a signal or an error code, or is silent for SILENCE_S
     back-off     0.1, 0.2, 0.4 … 2 s, doubled with every crash of the last WINDOW_S
-    safe picture after MOST_CRASHES of them: the show without compensation ("plain"), or black; SIGHUP tries again
-    schedule     out of its hours black is shown, and a show that has ended comes again with the next ones
+    safe picture after MOST_CRASHES crashes: the show without compensation ("plain"), or black; SIGHUP tries again
+    schedule     outside its hours the picture is black, and a show that has ended restarts at its next hours
     curtain      a process that fills the monitors with black, below a full-screen show from its start to its end
 """
 
@@ -31,11 +31,11 @@ from counterlight.unattended.hours import Keeper, Schedule
 from counterlight.unattended.inbox import Inbox
 
 SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
-START_S = 60.0  # to read the maps and compile the shaders
-ENDING_S = 10.0  # from the wish to end, or the player's own farewell, to its end
+START_S = 60.0  # time to read the maps and compile the shaders
+ENDING_S = 10.0  # longest time from a request to end, or the player's own farewell, to its end
 BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 2.0
 MOST_CRASHES, WINDOW_S = 5, 600.0
-PROGRESS_S = 1.0  # a player that came no further than this is not resumed at the same place
+PROGRESS_S = 1.0  # a player that advanced less than this is not resumed at the same place
 SAFE = ("black", "plain")
 _POLL_S = 0.1
 _SET_PDEATHSIG, _SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
@@ -47,13 +47,13 @@ Player: TypeAlias = Callable[[Sequence[str]], list[str]]
 
 @dataclass
 class Crashes:
-    """When a player crashed, and what follows from it."""
+    """Counts a player's recent crashes."""
 
     clock: Callable[[], float] = time.monotonic
     _times: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_CRASHES))
 
     def add(self) -> float:
-        """Count one; seconds to wait before the next start."""
+        """Count a crash, and return the seconds to wait before the next start."""
         self._times.append(self.clock())
         return float(min(BACK_OFF_S * 2 ** (self._recent() - 1), LONGEST_BACK_OFF_S))
 
@@ -70,7 +70,7 @@ class Crashes:
 
 @dataclass
 class Place:
-    """Where the show was, for the next player to go on; the beginning of the item where that crashes again."""
+    """The position of the show, where the next player resumes. After a second crash there, the item starts again."""
 
     item: int = 0
     time_s: float = 0.0
@@ -82,18 +82,18 @@ class Place:
             self.item, self.time_s = item, float(time_s)
 
     def options(self) -> list[str]:
-        """What a player is told to go on here."""
+        """Return the options that make a player resume here."""
         if self._resumed and self.item == self._resumed[0] and self.time_s < self._resumed[1] + PROGRESS_S:
             self.time_s = 0.0
         elif self._resumed is None and not (self.item or self.time_s):
-            return []  # the first player, or one that never played: what the user said holds
+            return []  # the first player, or a player that never played: the user's options apply
         self._resumed = self.item, self.time_s
         item = [f"--playlist-start={self.item}"] if self.item else []
         return [*item, f"--start={self.time_s:.3f}"]
 
 
 class Child:
-    """One process, the player or the curtain, and what it says of itself at an inbox."""
+    """One process, the player or the curtain, with the inbox that it reports to."""
 
     def __init__(self, command: Sequence[str], inbox: Inbox, *, errors: int | None = None) -> None:
         self.ready = self.ending = self._killed = False
@@ -105,17 +105,18 @@ class Child:
             stdin=subprocess.DEVNULL,
             stderr=errors,
             pass_fds=[inbox.theirs],
-            process_group=0,  # Ctrl-C is for us to pass on
+            process_group=0,  # the supervisor passes Ctrl-C on
             preexec_fn=_end_with_parent(os.getpid()),
         )
         inbox.handed_over()
         self._heard = self._looked = time.monotonic()
 
     def listen(self) -> dict[str, str]:
-        """The variables told since the last call, the newest of each."""
+        """Return the variables received since the last call, the newest value of each."""
         told = self._inbox.drain()
         now = time.monotonic()
-        if (told and not self.ending) or now - self._looked > 10 * _POLL_S:  # the latter: we were stopped ourselves
+        # the second case: the supervisor itself was stopped
+        if (told and not self.ending) or now - self._looked > 10 * _POLL_S:
             self._heard = now
         self._looked = now
         self.ready |= "READY" in told
@@ -124,12 +125,12 @@ class Child:
 
     @property
     def hangs(self) -> bool:
-        """Whether it has been silent for too long, and has not been killed yet."""
+        """Whether the process has been silent for too long and has not been killed yet."""
         patience = ENDING_S if self.ending else SILENCE_S if self.ready else START_S
         return not self._killed and time.monotonic() - self._heard > patience
 
     def end(self, number: int) -> None:
-        """Ask it to end as we are asked to."""
+        """Pass a signal that requests the end on to the process."""
         self.ending, self._heard = True, time.monotonic()
         self.process.send_signal(number)
 
@@ -139,7 +140,7 @@ class Child:
 
 
 class Curtain:
-    """The process that shows black while it is up; one that ends or hangs is started again."""
+    """The process that shows black. It is started again if it ends or hangs."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
@@ -157,7 +158,7 @@ class Curtain:
         return None if self._child is None else self._child.process.pid
 
     def keep(self, *, up: bool) -> None:
-        """Have it run, or not, without waiting; passes on what it says, and says how it ended."""
+        """Start or stop the process without waiting. Prints its error lines and how it ended."""
         if not up:
             self.close()
         elif self._child is not None:
@@ -191,7 +192,7 @@ class Curtain:
             self._back_off_s = BACK_OFF_S
 
     def _complain(self, line: str) -> None:
-        """Pass a line on, unless it was the last one."""
+        """Print a line, unless it repeats the last line."""
         if line != self._complaint:
             _say(f"the black curtain: {line}")
         self._complaint = line
@@ -200,10 +201,12 @@ class Curtain:
 class Supervisor:
     """Keeps a show running.
 
-    players : command lines of the show and of the safe pictures, in the order in which they are tried; each is given
-        the options that take a show on from where it was. After the last one the curtain alone is shown.
-    curtain : shows black.  below : whether it is up while a player runs, too.
-    notifier : of the service manager that started us.  plays : whether it is time for the show.
+    players : command lines of the show and of the safe pictures, in the order of the attempts. Each takes the options
+        that resume a show. After the last player, only the curtain is shown.
+    curtain : shows black.
+    notifier : reports to the service manager that started the supervisor.
+    plays : whether the schedule says that the show plays now.
+    below : whether the curtain also runs below a player.
     """
 
     def __init__(
@@ -217,7 +220,8 @@ class Supervisor:
     ) -> None:
         self._players, self._notifier, self._plays = players, notifier, plays
         self._curtain, self._below = curtain, below
-        self._open, self._over = True, False  # whether it was time for the show; whether it has ended meanwhile
+        # whether the schedule said that the show plays; whether the show has ended since
+        self._open, self._over = True, False
         self._level = 0
         self._crashes, self._place = Crashes(), Place()
         self._signal: int | None = None
@@ -225,9 +229,9 @@ class Supervisor:
         self._told_at = float("-inf")
 
     def run(self) -> int:
-        """Until a player ends well, we are told to end, or it turns out that no player can start like this.
+        """Run until a player ends normally, a signal asks for the end, or no player can start with these options.
 
-        Returns the exit code of the last player, 130 if we ended it.
+        Returns the exit code of the last player, 130 if a signal ended it.
         """
         _prctl(_SET_CHILD_SUBREAPER, 1)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -264,7 +268,7 @@ class Supervisor:
         return not self._open or self._over or self._level == len(self._players)
 
     def _wait_in_black(self) -> int:
-        """Show the curtain alone until it is time for a show or we are told something; 130 if that is to end."""
+        """Show only the curtain until the schedule changes or a signal arrives. Returns 130 if the signal is to end."""
         while self._signal is None and not self._again and self._is_time() == self._open:
             self._curtain.keep(up=True)
             self._began |= self._curtain.ready
@@ -273,7 +277,7 @@ class Supervisor:
         return DONE if self._signal is None else INTERRUPTED
 
     def _play(self, inbox: Inbox) -> int | None:
-        """Run one player to its end; its exit code, negative for a signal; None if its hours ended, and may be back."""
+        """Run one player to its end. Returns its exit code, negative for a signal, or None if the schedule ended it."""
         self._curtain.keep(up=self._below)
         child = Child(self._players[self._level](self._place.options()), inbox)
         passed_on = turned = False
@@ -291,7 +295,7 @@ class Supervisor:
                     _say("the player hangs: ended")
                     child.kill()
                 select.select([inbox], [], [], _POLL_S)
-            self._hear(child)  # what it said last
+            self._hear(child)  # its last messages
         finally:
             child.kill()
             child.process.wait()
@@ -306,7 +310,7 @@ class Supervisor:
         self._tell(told.get("STATUS", ""))
 
     def _tell(self, status: str = "") -> None:
-        """Tell our own manager that we live, once a second, and that the show has begun, until it has heard."""
+        """Report to the service manager once a second. Repeat READY=1 until it has been sent."""
         if status or time.monotonic() - self._told_at >= INTERVAL_S:
             self._told_at = time.monotonic()
             variables = {"WATCHDOG": "1"} | ({"STATUS": status} if status else {})
@@ -319,7 +323,7 @@ class Supervisor:
         return self._plays is None or self._plays()
 
     def _turns(self) -> bool:
-        """Whether the hours of the show have begun or ended; it then begins from its beginning, or black does."""
+        """Whether the show's hours have begun or ended. The show then starts from its beginning, or black is shown."""
         if self._signal is not None or self._is_time() == self._open:
             return False
         self._open, self._over, self._place, self._level = not self._open, False, Place(), 0
@@ -328,7 +332,7 @@ class Supervisor:
         return True
 
     def _has_ended(self, code: int) -> bool:
-        """Whether a show with a schedule has come to its end or was quit: black then waits for its next hours."""
+        """Whether a scheduled show has ended or was quit. Black is then shown until its next hours."""
         if self._plays is None or code != DONE or self._signal is not None or self._again:
             return False
         if self._open and not self._over:
@@ -337,7 +341,7 @@ class Supervisor:
         return True
 
     def _is_final(self, code: int) -> bool:
-        """Whether this is how a show ends, and not how it crashes; says what happened if it crashed."""
+        """Whether the exit code ends the show and is not a crash. Prints a line for a crash."""
         if self._again and self._signal is None:
             return False
         if code in (DONE, INTERRUPTED) or (code == BAD_INPUT and not self._began):
@@ -347,7 +351,7 @@ class Supervisor:
         return False
 
     def _choose(self) -> None:
-        """Which player comes next: the show if we are told to try again, a safer one after too many crashes."""
+        """Choose the next player: the show after SIGHUP, a safer picture after too many crashes."""
         if self._again:
             self._again, self._over, self._level = False, False, 0
             self._crashes.forget()
@@ -358,7 +362,7 @@ class Supervisor:
             _say(f"{MOST_CRASHES} crashes: going to the safe picture; kill -HUP {os.getpid()} tries again")
 
     def _rest(self, seconds: float) -> None:
-        """Wait, but not when told to end."""
+        """Wait, unless a signal arrives."""
         until = time.monotonic() + seconds
         while time.monotonic() < until and self._signal is None and not self._again:
             self._curtain.keep(up=self._below)
@@ -381,12 +385,14 @@ def supervise(
     notify_socket: str | None,
     schedule: Callable[[], Schedule] | None = None,
 ) -> int:
-    """Run `counterlight play ARGUMENTS` under supervision; returns its exit code.
+    """Run `counterlight play ARGUMENTS` under supervision, and return its exit code.
 
-    arguments : the whole command line, `--supervise` included; the player is told behind it that it is supervised.
-    safe : one of SAFE.  monitors : where black is shown; none for the primary one.
-    fullscreen : whether the show fills them, above the curtain.
-    schedule : as it is when asked; None for a show that always plays.
+    arguments : the whole command line, with `--supervise`. Options for the player are added to it.
+    safe : one of SAFE.
+    monitors : where black is shown; empty for the primary monitor.
+    fullscreen : whether the show fills the monitors, above the curtain.
+    notify_socket : value of NOTIFY_SOCKET, None without a service manager.
+    schedule : returns the present schedule; None for a show that always plays.
     """
     python = [sys.executable, "-P", "-m"]
     plain_options = "--no-compensation", "--refine=0", "--view=projector"
@@ -417,26 +423,28 @@ def supervise(
 
 
 def with_options(arguments: Sequence[str], *options: str) -> list[str]:
-    """A command line with options added where they are still read as options: before a `--`."""
+    """Add options to a command line before a `--`, where they are still parsed as options."""
     end = list(arguments).index("--") if "--" in arguments else len(arguments)
     return [*arguments[:end], *options, *arguments[end:]]
 
 
 def _end_with_parent(parent: int) -> Callable[[], None]:
-    """What a child does between fork and exec, so that it never outlives a supervisor that was killed."""
+    """Return what a child does between fork and exec, so that it does not outlive a killed supervisor."""
 
     def ask() -> None:
         _prctl(_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it has gone in between
+        if os.getppid() != parent:  # the parent has ended meanwhile
             os._exit(1)
 
     return ask
 
 
 def _end_orphans(*, but: int | None) -> None:
-    """End what a dead player left behind, a decoder that is stopped, say: as its subreaper, we have inherited it.
+    """End the processes that a dead player left behind, such as a stopped decoder. This subreaper has inherited them.
 
-    but : the curtain. This process has no other children than the player's.
+    All children of this process but `but` belong to the player.
+
+    but : process of the curtain.
     """
     while orphans := [pid for pid in _children() if pid != but]:
         for pid in orphans:

@@ -1,7 +1,7 @@
-"""How anything gets onto the disk: whole or not at all, whatever kills the process and however full the disk is.
+"""Writes files completely or not at all, even if the process is killed or the disk is full.
 
-disk.py holds the system calls: fsync, rename, one-step exchange, locks. stage.py is the hidden folder in which
-everything is made, and what is done with one whose maker died; moves.py takes what was made to its place; replacing.py
-is what others use: a file, a folder, a numbered sequence. outputs.py says, before any work, what may not be written.
+disk.py holds the system calls: fsync, rename, atomic exchange, locks. stage.py manages the hidden folder in which
+everything is created, including one that a killed process left. moves.py moves finished files into place. Other code
+uses replacing.py for a file, a folder or a numbered sequence, and outputs.py to refuse bad outputs before any work.
 May import counterlight.errors only. Read next: replacing.py, stage.py.
 """

@@ -1,4 +1,4 @@
-"""The system calls by which files become durable, change places, and are held by one process at a time."""
+"""System calls that make files durable, swap them, and lock them for one process."""
 
 import ctypes
 import errno
@@ -8,18 +8,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-_HERE = -100  # AT_FDCWD: paths are taken from the working folder
+_HERE = -100  # AT_FDCWD: paths are relative to the working folder
 _EXCHANGE = 2  # RENAME_EXCHANGE
-_UNKNOWN = (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP)  # what systems say that cannot exchange, such as NFS
+_UNKNOWN = (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP)  # errors of systems without exchange, such as NFS
 
 
 def flush(path: Path) -> None:
-    """Force a file or folder to disk; OSError, with the path, where the disk refuses."""
+    """Force a file or folder to disk. Raises OSError with the path if the disk refuses."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(handle)
-    except OSError as error:  # says nothing of the file
-        if error.errno != errno.EINVAL or not path.is_dir():  # some file systems have no fsync of folders
+    except OSError as error:  # the error does not contain the path
+        if error.errno != errno.EINVAL or not path.is_dir():  # some file systems have no fsync for folders
             raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         os.close(handle)
@@ -32,7 +32,7 @@ def flush_tree(folder: Path) -> None:
 
 
 def move(source: Path, target: Path) -> None:
-    """Rename, for good when this returns; a file at `target` is replaced in the same step."""
+    """Rename a file or folder durably. A file at `target` is replaced in the same step."""
     os.rename(source, target)
     flush(target.parent)
     if source.parent != target.parent:
@@ -40,7 +40,7 @@ def move(source: Path, target: Path) -> None:
 
 
 def exchange(one: Path, other: Path) -> bool:
-    """Let two names change places in one step, for good when this returns; False where the system has no such step."""
+    """Swap two names in one step, durably. Returns False if the system has no such step."""
     if not _exchange(one, other):
         return False
     flush(one.parent)
@@ -62,12 +62,12 @@ def _exchange(one: Path, other: Path) -> bool:
 
 @cache
 def _renameat2() -> Any:
-    """The C library's function; None where it has none."""
+    """Return the C library's function, None if it has none."""
     return getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
 
 
 def lock(handle: int) -> bool:
-    """Hold an open file until it is closed or its process dies; False if another process holds it."""
+    """Lock an open file until it is closed or its process dies. Returns False if another process holds the lock."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

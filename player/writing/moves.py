@@ -1,14 +1,14 @@
-"""How what was made in a stage takes its place, and how a move that a kill interrupted is completed.
+"""Moves finished files from a stage into place, and completes moves that a kill interrupted.
 
-A stage holds `new`, and for a while `old` or `old_frames`. At any moment either the old or the new is whole at its
-name, or what the stage holds says how to go on:
+A stage holds `new`, and for a while `old` or `old_frames`. At any moment the old or the new version is complete under
+its name, or the stage holds what is needed to go on:
 
-- A file is renamed over the old one: one step.
-- A folder changes places with the old one in one step. Where the system cannot do that, the old one is moved into the
-  stage first; a folder that is missing while the stage holds both is put there.
-- The frames of a sequence cannot change places in one step. Old ones are moved into the stage, number 0 first, new ones
-  out of it, number 0 last: nobody sees old and new side by side, and whoever begins at number 0 sees all or nothing.
-  The journal `out` names the frames that are to be moved away; renamed `in`, it says that this was done.
+- A file is renamed over the old file, in one step.
+- A folder is swapped with the old folder in one step. If the system cannot swap, the old folder is first moved into the
+  stage. If the folder is missing while the stage holds both, the new folder is moved into place.
+- The frames of a sequence cannot be swapped in one step. Old frames are moved into the stage, number 0 first, and new
+  frames out of it, number 0 last. No reader sees old and new frames together, and a reader that begins at number 0 sees
+  all frames or none. The journal `out` names the frames to move away; renamed to `in`, it says that they were moved.
 """
 
 import os
@@ -23,7 +23,7 @@ NEW, OLD, OLD_FRAMES = "new", "old", "old_frames"
 CONTENTS = (NEW, OLD, OLD_FRAMES)
 _OUT, _IN = "out", "in"
 MAX_JOURNAL = 1 << 28  # bytes: a million of the longest names
-_END = b"\0"  # of a name in the journal: no name holds it
+_END = b"\0"  # ends a name in the journal; no name contains it
 
 
 def put_file(stage: Path, target: Path) -> None:
@@ -33,7 +33,7 @@ def put_file(stage: Path, target: Path) -> None:
 
 
 def put_folder(stage: Path, target: Path) -> None:
-    """Let `new` take the place of a folder, or stand where nothing is."""
+    """Move `new` into place, swapping it with an existing folder."""
     new, old = stage / NEW, stage / OLD
     disk.flush_tree(new)
     if not os.path.lexists(target):
@@ -49,11 +49,11 @@ def put_folder(stage: Path, target: Path) -> None:
 
 
 def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
-    """Let the frames in `new` take the places of those that are `there`, names in order of their numbers."""
+    """Replace the frames `there`, ordered by number, by the frames in `new`."""
     disk.flush_tree(stage / NEW)
     made = [path.name for path in (stage / NEW).iterdir()]
     (stage / OLD_FRAMES).mkdir()
-    journal = stage / OLD_FRAMES / _OUT  # becomes the journal when it is whole
+    journal = stage / OLD_FRAMES / _OUT  # becomes the journal when it is complete
     journal.write_bytes(_END.join(map(os.fsencode, there)))
     disk.flush(journal)
     try:
@@ -67,7 +67,7 @@ def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
 def is_interrupted(stage: Path, target: Path) -> bool:
     """Whether a move was begun and not completed.
 
-    A folder from elsewhere may hold what looks like a stage: nothing is moved through links, no pipe is a journal.
+    A foreign folder may look like a stage. Therefore links are not followed, and a pipe is no journal.
     """
     if not (_is_folder(stage) and _is_folder(stage / NEW)):
         return False
@@ -75,7 +75,7 @@ def is_interrupted(stage: Path, target: Path) -> bool:
 
 
 def complete(stage: Path, target: Path) -> None:
-    """Go on with an interrupted move; OSError where the system refuses, and it stays interrupted."""
+    """Continue an interrupted move. Raises OSError if the system refuses; the move then stays interrupted."""
     if _has_journal(stage):
         _move_frames(stage, target)
     else:
@@ -87,13 +87,13 @@ def _has_journal(stage: Path) -> bool:
 
 
 def _is_folder(path: Path) -> bool:
-    return os.path.isdir(path) and not os.path.islink(path)  # no error for names that are too long
+    return os.path.isdir(path) and not os.path.islink(path)  # gives no error for names that are too long
 
 
 def _is_journal(path: Path) -> bool:
     try:
         status = os.lstat(path)
-    except OSError:  # none, or somebody has just done what it says
+    except OSError:  # no journal, or another process has just completed the move
         return False
     return stat.S_ISREG(status.st_mode) and status.st_size <= MAX_JOURNAL
 
@@ -103,7 +103,7 @@ def _move_frames(stage: Path, pattern: Path) -> None:
     if (stage / _OUT).exists():
         for name in map(os.fsdecode, (stage / _OUT).read_bytes().split(_END)):
             if number_of(pattern.name, name) is not None:  # an empty journal has one empty name
-                with suppress(FileNotFoundError):  # moved already
+                with suppress(FileNotFoundError):  # already moved
                     os.rename(folder / name, old / name)
         disk.flush(folder)
         disk.flush(old)
@@ -117,7 +117,7 @@ def _move_frames(stage: Path, pattern: Path) -> None:
 
 
 def _take_frames_back(stage: Path, folder: Path, made: list[str]) -> None:
-    """Undo what `_move_frames` has done, last things first, so that at any moment it could go on again."""
+    """Undo `_move_frames`, last steps first, so that at any moment it could continue."""
     if (stage / _IN).exists():
         for name in made:
             if not (stage / NEW / name).exists():

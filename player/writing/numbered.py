@@ -1,11 +1,11 @@
-"""Numbered names such as `name%05d.png`, as C and FFmpeg read them: which files of a folder are one sequence."""
+"""Numbered names such as `name%05d.png`, in the syntax of C and FFmpeg, and the files that form a sequence."""
 
 import re
 from pathlib import Path
 
 from counterlight.errors import InputError
 
-_FIELD = re.compile(r"%%|%0?(\d{0,2})d")  # the number, with its least digits, or a percent sign
+_FIELD = re.compile(r"%%|%0?(\d{0,2})d")  # the number with its minimum width, or a percent sign
 
 
 def is_numbered(path: Path) -> bool:
@@ -13,12 +13,12 @@ def is_numbered(path: Path) -> bool:
 
 
 def name_of(pattern: str, number: int) -> str:
-    """The name of a frame: `name00012.png`."""
+    """Return the name of a frame, such as `name00012.png`."""
     return _FIELD.sub(lambda field: "%" if field[0] == "%%" else str(number).zfill(int(field[1] or 0)), pattern)
 
 
 def number_of(pattern: str, name: str) -> int | None:
-    """The number of a frame; None for a name that is not of the pattern, such as `007.png` of `%d.png`."""
+    """Return the number of a frame, None for a name that does not match, such as `007.png` for `%d.png`."""
     literals, widths = _FIELD.split(pattern)[::2], _FIELD.split(pattern)[1::2]
     fields = ["%" if width is None else "([0-9]+)" for width in widths]
     expression = "".join(re.escape(text) + field for text, field in zip(literals, [*fields, ""], strict=True))
@@ -30,9 +30,9 @@ def number_of(pattern: str, name: str) -> int | None:
 
 
 def sequence_at(pattern: Path) -> list[str]:
-    """The names of the sequence that is there, numbered from 0; InputError for other numbers, which may be no sequence.
+    """Return the names of an existing sequence, numbered from 0. A new sequence replaces all of them.
 
-    What is written under the pattern takes the place of all of them.
+    Raises InputError for other numbers, because the files may be unrelated.
     """
     numbers = {number_of(pattern.name, path.name) for path in pattern.parent.iterdir()} - {None}
     names = [name_of(pattern.name, number) for number in range(len(numbers))]

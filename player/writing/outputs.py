@@ -1,4 +1,4 @@
-"""What may not be written where, said before any work: InputError, in one line."""
+"""Checks outputs before any work. Raises InputError, in one line, for a forbidden or impossible output."""
 
 import os
 import stat
@@ -11,7 +11,7 @@ from counterlight.errors import InputError
 from counterlight.writing.numbered import number_of, sequence_at
 from counterlight.writing.stage import finish, is_stage
 
-# Folders that are replaced as a whole or not at all, by two files or folders that each of them has.
+# Folders that may only be replaced as a whole, recognised by two files or folders in each.
 KEPT = {
     ("calibration.toml", "mask.png"): "calibration",
     ("session.toml", "captures"): "capture",
@@ -20,7 +20,7 @@ KEPT = {
 
 
 def check_file(path: Path, *, suffixes: Sequence[str] = (), inputs: Iterable[Path] = ()) -> None:
-    """`path` is or can become a file, of one of the suffixes, that the command does not read."""
+    """Check that `path` can be written as a file with one of the suffixes, and is no input of the command."""
     if suffixes and path.suffix.lower() not in suffixes:
         found = path.suffix or "a file without suffix"
         raise InputError(f"{path}: cannot write {found}; use {', '.join(suffixes)}")
@@ -31,9 +31,9 @@ def check_file(path: Path, *, suffixes: Sequence[str] = (), inputs: Iterable[Pat
 
 
 def check_sequence(pattern: Path, *, inputs: Iterable[Path] = ()) -> None:
-    """The files that `name%05d.png` numbers can be written, and no file that it numbers now is read.
+    """Check that the files of `name%05d.png` can be written, and that none of the existing ones is an input.
 
-    A sequence that a killed command had begun to put there is completed first.
+    A sequence that a killed command left half in place is completed first.
     """
     _check_parent(pattern)
     finish(pattern)
@@ -43,7 +43,7 @@ def check_sequence(pattern: Path, *, inputs: Iterable[Path] = ()) -> None:
 
 
 def check_log(path: Path, *, inputs: Iterable[Path] = ()) -> None:
-    """Lines of JSON can be added to `path`: nothing, an earlier log, a pipe or a device, and nothing that is read."""
+    """Check that JSON lines can be appended to `path`: a new file, an earlier log, a pipe or a device, and no input."""
     if not path.exists():
         _check_parent(path)
     elif path.is_dir():
@@ -56,7 +56,7 @@ def check_log(path: Path, *, inputs: Iterable[Path] = ()) -> None:
 
 
 def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
-    """`folder` is or can become a folder which holds nothing that the command reads."""
+    """Check that `folder` can be written as a folder, and contains no input."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")
     real = _real(folder)
@@ -69,7 +69,7 @@ def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
 
 
 def check_apart(*outputs: Path | None) -> None:
-    """No output is another one, or inside it."""
+    """Check that no output equals or contains another output."""
     for one, other in combinations([path for path in outputs if path is not None], 2):
         a, b = _real(one), _real(other)
         if a == b or a in b.parents or b in a.parents:
@@ -77,21 +77,25 @@ def check_apart(*outputs: Path | None) -> None:
 
 
 def is_vacant(folder: Path) -> bool:
-    """Nothing is there, or a folder that holds at most what writers leave that are killed."""
+    """Whether `folder` does not exist, or contains at most the stages of killed writers."""
     if not folder.exists():
         return True
     return folder.is_dir() and all(is_stage(path.name) for path in folder.iterdir())
 
 
 def refuse_strangers(folder: Path, parts: Sequence[str], kind: str) -> None:
-    """`folder`, which will be replaced as a whole, holds nothing but its parts (names, or patterns such as *.png)."""
+    """Check that `folder`, which will be replaced, contains only its parts.
+
+    parts : names, or patterns such as *.png.
+    kind : what the folder is, in words for the message.
+    """
     for path in sorted(folder.iterdir()):
         if not (is_stage(path.name) or any(fnmatchcase(path.name, part) for part in parts)):
             raise InputError(f"{path}: is no part of {kind} and would be lost; move it out of {folder} first")
 
 
 def kind_of(path: Path) -> str:
-    """What something that exists is."""
+    """Return in words what an existing path is."""
     mode = path.stat().st_mode
     return "a folder" if stat.S_ISDIR(mode) else "a file" if stat.S_ISREG(mode) else "a device, a pipe or a socket"
 
@@ -111,7 +115,7 @@ def _check_parent(path: Path) -> None:
 
 
 def _refuse_inputs(output: Path, covered: Sequence[Path], inputs: Iterable[Path]) -> None:
-    """The files that `output` would replace are none of the inputs, under whatever name."""
+    """Check that none of the files that `output` replaces is an input, under any name."""
     replaced = {_identity(path) for path in covered if path.exists()}
     for given in _files(inputs) if replaced else ():
         if _identity(given) in replaced:
@@ -124,7 +128,7 @@ def _identity(path: Path) -> tuple[int, int]:
 
 
 def _files(inputs: Iterable[Path]) -> Iterator[Path]:
-    """The inputs that exist; of folders, what is directly in them."""
+    """Yield the inputs that exist, and the direct contents of input folders."""
     for path in inputs:
         if path.is_dir():
             yield from (entry for entry in path.iterdir() if entry.exists())

@@ -1,7 +1,7 @@
-"""Files, folders and numbered sequences that are whole or absent: everything that a command writes is written by these.
+"""Writes files, folders and numbered sequences completely or not at all. All commands write with these functions.
 
-Each is opened before the work whose result it takes: then the name is held, and what cannot be written is refused, at
-once. Until the block ends well, what was there stays as it was.
+Each context is opened before the work that produces the result. It locks the name, and refuses an impossible output at
+once. The old version stays until the block ends successfully.
 """
 
 import errno
@@ -16,16 +16,16 @@ from counterlight.writing.numbered import sequence_at
 from counterlight.writing.outputs import kind_of
 from counterlight.writing.stage import Stage, clean_up, staged
 
-# What only writing can meet; these errors often do not say where.
+# Errors that only writing can cause. They often do not contain a path.
 _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
 def replacing_file(path: Path) -> Iterator[Path]:
-    """Yield where to write a file of the same name; on success it replaces `path`, else it is removed.
+    """Yield the path to write a file of the same name. On success it replaces `path`, otherwise it is removed.
 
-    Raises InputError, naming `path`, where the system refuses (no such folder, no right, no space), where something is
-    that is no file, and where another process is writing it.
+    Raises InputError, naming `path`, if the system refuses (no such folder, no right, no space), if `path` is no file,
+    or if another process is writing it.
     """
     target = _real(path)
     with _refusals_named(path, target), staged(target) as stage:
@@ -37,19 +37,20 @@ def replacing_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replacing_folder(folder: Path, refuse: Callable[[Path], None] | None = None) -> Iterator[Path]:
-    """Yield an empty folder; on success it takes the place of `folder` as a whole, else it is removed.
+    """Yield an empty folder. On success it replaces `folder` as a whole, otherwise it is removed.
 
-    refuse : raises InputError if `folder` must not be replaced; asked before the work and after it.
-    Raises InputError, naming `folder`, where the system refuses, and where another process is writing it or into it.
+    Raises InputError, naming `folder`, if the system refuses, or if another process is writing it or into it.
+
+    refuse : raises InputError if `folder` must not be replaced; called before and after the work.
     """
-    target = _real(folder)  # a link is kept, what it points to is replaced
+    target = _real(folder)  # a link is kept, and its target is replaced
     made = [parent for parent in target.parents if not parent.exists()]
     try:
         with _refusals_named(folder, target):
             _refuse_folder(folder, refuse)
             target.parent.mkdir(parents=True, exist_ok=True)
             with staged(target) as stage:
-                _refuse_folder(folder, refuse)  # again: it may have been completed just now
+                _refuse_folder(folder, refuse)  # again, because it may have been completed just now
                 if living := clean_up(target) if target.is_dir() else []:
                     busy = f"{living[0].writer()} is writing {living[0].target.name} in it"
                     raise InputError(f"{folder}: {busy}; wait until it has ended")
@@ -65,10 +66,10 @@ def replacing_folder(folder: Path, refuse: Callable[[Path], None] | None = None)
 
 @contextmanager
 def replacing_sequence(pattern: Path) -> Iterator[Path]:
-    """Yield an empty folder for the files `name_of(pattern.name, 0)`, …; on success they replace a sequence as a set.
+    """Yield an empty folder for the files `name_of(pattern.name, 0)`, …; on success they replace the sequence.
 
-    Raises InputError, naming `pattern`, where the system refuses, where another process is writing it, and for files
-    that match the pattern and are no sequence from 0.
+    Raises InputError, naming `pattern`, if the system refuses, if another process is writing the sequence, or if the
+    files that match the pattern are not numbered from 0.
     """
     target = _real(pattern)
     with _refusals_named(pattern, target), staged(target) as stage:
@@ -78,7 +79,7 @@ def replacing_sequence(pattern: Path) -> Iterator[Path]:
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file, if it is there, for good; InputError, naming it, where the system refuses."""
+    """Remove a file durably, if it exists. Raises InputError, naming it, if the system refuses."""
     with _refusals_named(path, _real(path)):
         path.unlink(missing_ok=True)
         disk.flush(path.parent)
@@ -86,9 +87,9 @@ def remove_file(path: Path) -> None:
 
 @contextmanager
 def holding(path: Path) -> Iterator[None]:
-    """Hold the name `path`: no other process writes it meanwhile. Makes the folder that it is in.
+    """Lock the name `path`, so that no other process writes it. Creates its parent folders.
 
-    Raises InputError where another process does, and where the system refuses.
+    Raises InputError if another process holds the name, or if the system refuses.
     """
     target = _real(path)
     with _refusals_named(path, target):
@@ -99,7 +100,7 @@ def holding(path: Path) -> Iterator[None]:
 
 @contextmanager
 def filling_folder(folder: Path) -> Iterator[Callable[[Path, bytes], None]]:
-    """Hold an existing folder, and yield what puts a file into it: there for good, whole, when the call returns."""
+    """Lock an existing folder, and yield a function that writes a file into it, completely and durably."""
     target = _real(folder)
     with _refusals_named(folder, target), staged(target) as stage:
 
@@ -114,9 +115,9 @@ def filling_folder(folder: Path) -> Iterator[Callable[[Path, bytes], None]]:
 
 @contextmanager
 def _refusals_named(path: Path, target: Path) -> Iterator[None]:
-    """Turn what the system refuses while `path` is written into an InputError that names it.
+    """Convert system errors about writing `path` into an InputError that names it.
 
-    Work goes on in between, which may fail in other ways: those errors pass.
+    The work in the block may fail in other ways; those errors pass unchanged.
     """
     try:
         yield
@@ -131,7 +132,7 @@ def _is_about(error: OSError, target: Path) -> bool:
     if error.errno in _OF_WRITING:
         return True
     names = (name for name in (error.filename, error.filename2) if isinstance(name, str | bytes))
-    places = [Path(os.fsdecode(name).removeprefix("file:")) for name in names]  # as FFmpeg is told
+    places = [Path(os.fsdecode(name).removeprefix("file:")) for name in names]  # the form that FFmpeg uses
     ours = (target, Stage(target).folder)
     return any(place in (*target.parents, *ours) or any(up in ours for up in place.parents) for place in places)
 

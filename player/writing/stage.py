@@ -1,10 +1,10 @@
-"""The hidden folder beside what is being written, in which everything is made and from which it is moved when whole.
+"""The hidden folder next to an output, in which the output is created and from which it is moved when complete.
 
-    .NAME.counterlight-partial/pid     locked by the process that writes NAME, as long as it lives; holds its number
-    .NAME.counterlight-partial/new     what it makes
+    .NAME.counterlight-partial/pid     locked by the process that writes NAME; holds the process number
+    .NAME.counterlight-partial/new     the new version
 
-So a name has one writer at a time, and what a dead one left is known: nobody holds its lock. Whoever next writes
-anything into the same folder completes what was begun (moves.py) and removes the rest.
+A name therefore has one writer at a time. A stage whose lock is free belongs to a dead process. The next writer in the
+same folder completes the interrupted move (moves.py) and removes the rest.
 """
 
 import os
@@ -20,13 +20,13 @@ from counterlight.writing import disk, moves
 
 PID = "pid"
 SUFFIX = ".counterlight-partial"
-PATIENCE_S = 0.2  # for somebody who is just cleaning up
-MOVING_S = 5.0  # for somebody who is just putting things in place
+PATIENCE_S = 0.2  # longest wait for another process that cleans up
+MOVING_S = 5.0  # longest wait for another process that moves files into place
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Where `target` is made. Its folder has the target's file system, unless the target is one by itself."""
+    """The place where `target` is created, on the same file system unless `target` is a mount point."""
 
     target: Path
 
@@ -47,11 +47,11 @@ class Stage:
         return moves.is_interrupted(self.folder, self.target)
 
     def contents(self) -> list[Path]:
-        """What it holds beside the lock."""
+        """Return the stage's contents besides the lock."""
         return [path for name in moves.CONTENTS if (path := self.folder / name).exists()]
 
     def writer(self) -> str:
-        """Who holds it."""
+        """Return the process that holds the stage, in words."""
         with suppress(OSError):
             if text := self.pid.read_text(encoding="ascii", errors="replace").strip():
                 return f"process {text}"
@@ -60,10 +60,10 @@ class Stage:
 
 @contextmanager
 def staged(target: Path) -> Iterator[Stage]:
-    """Hold the name `target` (a real path) while it is made in `stage.new`, an empty folder, removed at the end.
+    """Lock the name `target` (a real path), and yield a stage with an empty folder `new`. Removes the stage at the end.
 
-    What dead processes left in the same folder is completed or removed first. Raises InputError where another process
-    is writing `target`, and OSError where the system refuses.
+    Stages of dead processes in the same folder are completed or removed first. Raises InputError if another process is
+    writing `target`, and OSError if the system refuses.
     """
     stage = Stage(target)
     handle = _hold(stage)
@@ -71,7 +71,7 @@ def staged(target: Path) -> Iterator[Stage]:
         _settle(stage)
         os.ftruncate(handle, 0)
         os.pwrite(handle, b"%d\n" % os.getpid(), 0)
-        with suppress(OSError):  # a folder that may be written to, but not be listed
+        with suppress(OSError):  # the folder may be writable but not readable
             clean_up(target.parent)
         stage.new.mkdir()
         yield stage
@@ -81,10 +81,10 @@ def staged(target: Path) -> Iterator[Stage]:
 
 
 def clean_up(folder: Path) -> list[Stage]:
-    """Complete or remove what dead processes left in a folder; returns what living ones are making there."""
+    """Complete or remove the stages of dead processes in a folder. Returns the stages of living processes."""
     living = []
     for stage in _stages(folder):
-        with suppress(OSError):  # somebody else's, or a disk that refuses: the next one tries again
+        with suppress(OSError):  # another user's stage, or a disk error; the next writer tries again
             handle = _take(stage)
             if handle is None:
                 living.append(stage)
@@ -94,9 +94,9 @@ def clean_up(folder: Path) -> list[Stage]:
 
 
 def finish(target: Path) -> None:
-    """Complete what a killed process had begun to put at `target`: for readers. Costs a look where there is nothing.
+    """Complete the move of a killed process to `target`, before reading it. Costs one file access if there is none.
 
-    Raises InputError where that is not possible, or where somebody takes longer than 5 s to put it there.
+    Raises InputError if the move cannot be completed, or if another process takes longer than 5 s for it.
     """
     stage = Stage(Path(os.path.realpath(target)))
     deadline = time.monotonic() + MOVING_S
@@ -117,23 +117,23 @@ def finish(target: Path) -> None:
 
 
 def is_stage(name: str) -> bool:
-    """Whether a file of this name is what writers make, and leave when they are killed."""
+    """Whether a name belongs to a stage."""
     return name.startswith(".") and name.endswith(SUFFIX)
 
 
 def _stages(folder: Path) -> Iterator[Stage]:
-    """Those in a folder, whether living or dead."""
+    """Yield the stages in a folder, of living and dead processes."""
     for name in filter(is_stage, os.listdir(folder)):
         stage = Stage(folder / name[1 : -len(SUFFIX)])
         if stage.folder.is_dir() and not stage.folder.is_symlink() and stage.pid.is_file():
             yield stage
         else:
-            with suppress(OSError):  # one whose maker was killed between its first two steps is empty
+            with suppress(OSError):  # an empty stage, whose creator was killed between its first two steps
                 stage.folder.rmdir()
 
 
 def _hold(stage: Stage) -> int:
-    """Make the stage, or take over a dead one's; returns the open lock."""
+    """Create the stage, or take over a dead process's stage. Returns the open lock."""
     deadline, ever_ours = time.monotonic() + PATIENCE_S, False
     while True:
         with suppress(FileExistsError):
@@ -151,7 +151,7 @@ def _hold(stage: Stage) -> int:
 
 
 def _take(stage: Stage, flags: int = 0) -> int | None:
-    """The stage's lock, if nobody holds it and the stage is still there."""
+    """Lock the stage. Returns None if another process holds it or it no longer exists."""
     try:
         handle = os.open(stage.pid, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | flags, 0o644)
     except FileNotFoundError:
@@ -168,7 +168,7 @@ def _take(stage: Stage, flags: int = 0) -> int | None:
 
 
 def _is_strange(stage: Stage) -> bool:
-    """Whether something that no stage is has its name; it may also be just being removed."""
+    """Whether the stage's name is taken by something else. The stage may also be in the middle of its removal."""
     folder = stage.folder
     if folder.is_symlink() or not folder.is_dir():
         return True
@@ -178,7 +178,7 @@ def _is_strange(stage: Stage) -> bool:
 
 
 def _bury(stage: Stage, handle: int) -> None:
-    """Complete and remove a dead process' stage, whose lock was taken."""
+    """Complete and remove a dead process's stage, whose lock is already held."""
     try:
         _settle(stage)
         _remove(stage)
@@ -187,7 +187,7 @@ def _bury(stage: Stage, handle: int) -> None:
 
 
 def _settle(stage: Stage) -> None:
-    """Complete what a dead process had begun, and empty the stage."""
+    """Complete an interrupted move, and empty the stage."""
     if stage.is_interrupted:
         moves.complete(stage.folder, stage.target)
     for path in stage.contents():
@@ -195,7 +195,7 @@ def _settle(stage: Stage) -> None:
 
 
 def _remove(stage: Stage) -> None:
-    """Remove a stage that is held, unless it is needed to complete a move; whoever comes next may have to try again."""
+    """Remove a held stage, unless an interrupted move still needs it. The next writer then tries again."""
     if stage.is_interrupted:
         return
     for path in stage.contents():

@@ -1,1 +1,1 @@
-"""What everything costs, beside other libraries in the same run: make bench. Nothing here decides a test."""
+"""Benchmarks of all parts, compared with other libraries in the same run: make bench. No test depends on them."""

@@ -1,6 +1,6 @@
-"""make bench: what everything costs on this machine, beside scipy's or numpy's answer in the same run.
+"""make bench: costs of all parts on this machine, compared with scipy or numpy in the same run.
 
-Prints seconds (or milliseconds a frame) and ratios; nothing here decides a test. `--only NAME` runs one row.
+Prints seconds (or milliseconds per frame) and ratios; no test depends on them. `--only NAME` runs one row.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What acquiring costs: scheduling blocks, T from measured entries, and a whole simulated acquisition."""
+"""Cost of acquisition: scheduling blocks, T from measured entries, and a whole simulated acquisition."""
 
 import resource
 import time
@@ -20,8 +20,8 @@ from tests.acquired_rooms import room_of, run, sharp_wall
 from tests.bench.rows import Timed
 
 CAMERA, BLOCKS = (480, 640), (512, 512)
-WINDOW = 3  # blocks a side that a camera pixel sees
-SECOND_PLACE = 0.02  # of the camera pixels see a second window: a mirror, an edge
+WINDOW = 3  # blocks per side that a camera pixel sees
+SECOND_PLACE = 0.02  # share of the camera pixels that see a second window: a mirror, an edge
 
 
 def schedule() -> Iterator[object]:
@@ -39,14 +39,14 @@ def schedule() -> Iterator[object]:
 
 
 def stage(name: str, made: dict[str, Any], work: Callable[[], object]) -> str:
-    """Do it once: wall and processor time, since other load meets only the first."""
+    """Run a stage once; returns wall and processor time, because other load affects only wall time."""
     wall, processor = time.perf_counter(), time.process_time()
     made[name] = work()
     return f"{name}: {time.perf_counter() - wall:.1f} s, processor {time.process_time() - processor:.1f} s"
 
 
 def seen_blocks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """(camera pixel, block) of each connection."""
+    """Returns (camera pixel, block) of each connection."""
     row, column = np.mgrid[: CAMERA[0], : CAMERA[1]].reshape(2, -1)
     row, column = row * (BLOCKS[0] - WINDOW) // CAMERA[0], column * (BLOCKS[1] - WINDOW) // CAMERA[1]
     mirrored = np.flatnonzero(rng.random(row.size) < SECOND_PLACE)
@@ -61,8 +61,10 @@ def seen_blocks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def picture() -> Iterator[object]:
-    """Reading one picture of 1920x1080: a sixteenth of the blocks of 8 pixels lit, a quarter of the camera pixels see
-    one of them, and twelve blocks of other sizes are known of each."""
+    """Reading one capture of 1920x1080: a sixteenth of the 8-pixel blocks and a quarter of the camera pixels are lit.
+
+    Twelve blocks of other sizes are known per camera pixel.
+    """
     rng, raster = np.random.default_rng(1), (1080, 1920)
     pixels, grid = raster[0] * raster[1], BlockGrid(raster, 8)
     known, camera = KnownLight(pixels, raster), np.arange(pixels, dtype=np.int32)
@@ -84,7 +86,7 @@ def picture() -> Iterator[object]:
 
 
 def capture() -> Iterator[object]:
-    """Captures of 640x480, smooth light with the noise of 20 000 electrons: size and times as a PNG, and read again."""
+    """PNG size, write and read times of 640x480 captures: smooth light with the noise of 20 000 electrons."""
     rng, (height, width) = np.random.default_rng(1), CAMERA
     light = np.outer(np.linspace(0.2, 1, height), np.linspace(0.2, 1, width))[..., None] * (1.0, 0.9, 0.8)
     for bits, kind in ((14, np.uint16), (8, np.uint8)):
@@ -99,7 +101,7 @@ def capture() -> Iterator[object]:
 
 
 def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
-    """What work gives, and the least processor time of ten tries."""
+    """Returns the result of `work`, and the least processor time of ten runs."""
     took = []
     for _ in range(10):
         start = time.process_time()
@@ -109,7 +111,7 @@ def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def whole() -> Iterator[object]:
-    """A wall of 26x18 camera and 30x21 projector pixels, captures in memory."""
+    """A whole acquisition of a wall, 26x18 camera and 30x21 projector pixels, captures in memory."""
     room = room_of(sharp_wall(np.random.default_rng(1)))
     for scheme in (HierarchicalScheme(), MultiplexedScheme()):
         done = run(room, scheme)

@@ -1,4 +1,4 @@
-"""What a budget of milliseconds a frame buys on this machine: whole commands, as a user runs them."""
+"""Refinement within a budget of milliseconds per frame on this machine: whole commands, as a user runs them."""
 
 import json
 import tempfile
@@ -13,7 +13,7 @@ BUDGETS = 16, 40, 160
 
 
 def budgets() -> Iterator[str]:
-    """The shipped film rendered under `play --budget MS`: what frames take, and where they stand."""
+    """The shipped film rendered under `play --budget MS`: frame times, and the distance from the best picture."""
     yield "| room | budget, ms | a frame, median, ms | 95 % below, ms | steps at the end | dB below the best |"
     yield "|---|---|---|---|---|---|"
     with tempfile.TemporaryDirectory() as name:

@@ -1,4 +1,4 @@
-"""Changes of media in a window: how late the frames next to a change are, with those between changes for comparison."""
+"""Changes of media in a window: lateness of the frames next to a change, compared with frames between changes."""
 
 import json
 import subprocess
@@ -15,8 +15,8 @@ import numpy as np
 from tests.programs import on, succeed
 from tests.screens import one_screen
 
-RATES, SIZES = (25, 50, 60), ((192, 256), (180, 320))  # frames per second; the sizes alternate: formats change
-SECONDS, ROUNDS, BAD = 4, 2, 2  # of each medium; media of each size; files without a picture before each medium
+RATES, SIZES = (25, 50, 60), ((192, 256), (180, 320))  # frames per second; the sizes alternate, so that formats change
+SECONDS, ROUNDS, BAD = 4, 2, 2  # seconds per medium; media of each size; files without a picture before each medium
 BUSY = "while True: pass"
 SCREEN = 1280, 1024
 REFRESH_MS = 1000 / 60
@@ -38,7 +38,7 @@ def change() -> Iterator[str]:
 
 
 def played(folder: Path, display: str, rate: int) -> dict[str, dict[str, float]]:
-    """What `--stats` says of a playlist."""
+    """Returns what `--stats` writes for a playlist."""
     media: list[Path] = []
     for number, size in enumerate(SIZES * ROUNDS):
         for bad in range(BAD if number else 0):
@@ -65,7 +65,7 @@ def line(rate: int, loops: int, found: dict[str, dict[str, float]]) -> str:
 
 
 def write_clip(path: Path, size: tuple[int, int], rate: int) -> None:
-    """A bright bar that moves, H.264."""
+    """Write a bright moving bar, H.264."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast"})
         assert isinstance(stream, av.VideoStream)

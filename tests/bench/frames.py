@@ -1,7 +1,7 @@
-"""What a frame costs: the row-map product on every path beside scipy's and Numba's, and whole frames on both backends.
+"""Cost of a frame: the row-map product on every path next to scipy's and Numba's, and whole frames on both backends.
 
-Room: projector 512x384, camera 640x480, 16 or 64 entries a projector pixel around its place in the camera's view; where
-there is a GPU, 1920x1080 for both, too.
+Room: projector 512x384, camera 640x480, 16 or 64 entries per projector pixel around its place in the camera's view. A
+GPU also runs 1920x1080 for both.
 """
 
 import time
@@ -47,21 +47,28 @@ MB = 1e6
 
 @dataclass(frozen=True)
 class Contender:
-    """milliseconds : of a frame's product.  megabytes : that it must move, each byte of map and pictures once."""
+    """One implementation of the product.
+
+    milliseconds : per frame.
+    megabytes : minimal data transfer, with each byte of map and pictures once.
+    """
 
     name: str
     milliseconds: float
     megabytes: float
 
     def row(self, bandwidth: float, scipy_ms: float | None) -> str:
-        """bandwidth : bytes a second of a copy, read and written, where this ran."""
+        """Returns a row of the table.
+
+        bandwidth : bytes per second of a copy, read and written, on the same device.
+        """
         share = self.megabytes * MB / bandwidth / (self.milliseconds / 1000)
         beside = "" if scipy_ms is None else f"{scipy_ms / self.milliseconds:8.2f}"
         return f"  {self.name:<28}{self.milliseconds:8.2f}{beside}{self.megabytes:8.1f}{share:8.0%}"
 
 
 def shader() -> Iterator[str]:
-    """The row-map product on every path beside scipy's and Numba's; bytes moved, and the share of a copy's speed."""
+    """The row-map product on every path next to scipy's and Numba's; bytes moved, and the share of a copy's speed."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
         software, host = drawn_in_software(context), host_copy_bandwidth()
@@ -78,7 +85,7 @@ def shader() -> Iterator[str]:
 
 
 def refined() -> Iterator[str]:
-    """Eight steps of refinement, maps of 25 entries a pixel, on both of the GPU's paths and on the processor."""
+    """Eight steps of refinement, maps of 25 entries per pixel, on both GPU paths and on the processor."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
         yield context.info["GL_RENDERER"]
@@ -90,7 +97,7 @@ def refined() -> Iterator[str]:
 
 
 def frames() -> Iterator[str]:
-    """A real 720p clip through both backends, and at the thesis' size through the numpy that they are held to."""
+    """A real 720p clip through both backends; at the thesis' size also through the numpy reference."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
         yield f"{context.info['GL_RENDERER']}; 720p H.264, 16 entries a pixel, milliseconds:"
@@ -115,9 +122,10 @@ def frames() -> Iterator[str]:
 def table(
     context: moderngl.Context, packed: RowMap, bandwidths: tuple[float, float], *, baseline: bool = True
 ) -> Iterator[str]:
-    """Every contender with one map.  bandwidths : bytes a second of a copy where OpenGL runs, and on the CPU.
+    """Yield a row per implementation, for one map.
 
-    baseline : with scipy and Numba, which take seconds for a large map.
+    bandwidths : bytes per second of a copy where OpenGL runs, and on the CPU.
+    baseline : include scipy and Numba, which take seconds for a large map.
     """
     rng = np.random.default_rng(2)
     picture = rng.uniform(size=(*packed.source_shape, 3)).astype(np.float32)
@@ -152,14 +160,14 @@ def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) 
 
 
 def words_of(packed: RowMap) -> WordMap:
-    """To a code value of each row, whatever the source holds within 0..1."""
+    """Returns words that are certified to a code value per row, for any source within 0..1."""
     rows = ascending(unpack(packed))
     found = fit(rows, np.ones((rows.columns, 3)), np.full((rows.shape[0], 3), 1 / 255))
     return WordMap.of(small_map((packed.output_shape, packed.source_shape), rows, found))
 
 
 def product_ms(context: moderngl.Context, stored: StoredMap, picture: np.ndarray) -> float:
-    """Releases `stored`."""
+    """Time the product of `stored` and release it."""
     source, product = picture_texture(context, picture), stored.product("CLAMP")
 
     def work() -> None:
@@ -192,7 +200,7 @@ def numba_product(packed: RowMap, picture: np.ndarray) -> Contender:
 
 
 def host_copy_bandwidth() -> float:
-    """Bytes read and written a second by Numba's loop over all cores: the limit of what runs on the CPU."""
+    """Returns bytes read and written per second by a Numba loop over all cores: the limit of CPU implementations."""
     from numba import njit, prange
 
     def copy(source: np.ndarray, target: np.ndarray) -> None:
@@ -205,7 +213,7 @@ def host_copy_bandwidth() -> float:
 
 
 def device_copy_bandwidth(context: moderngl.Context) -> float:
-    """The same on the GPU, from buffer to buffer."""
+    """Returns bytes read and written per second by a GPU copy from buffer to buffer."""
     source, target = (context.buffer(reserve=COPY_BYTES) for _ in range(2))
 
     def work() -> None:
@@ -253,7 +261,7 @@ def fps(milliseconds: float) -> str:
 
 
 def clock_of(context: moderngl.Context) -> Callable[[], float]:
-    """Seconds that other work on the machine changes least: of processor time, all cores together, on the CPU."""
+    """Returns the clock that other load changes least: processor time over all cores where OpenGL runs on the CPU."""
     return time.process_time if drawn_in_software(context) else time.perf_counter
 
 
@@ -268,7 +276,7 @@ def bench_room(maps: RoomMaps, projector: tuple[int, int], camera: tuple[int, in
 
 
 def local_map(output: tuple[int, int], source: tuple[int, int], side: int, rng: np.random.Generator) -> RowMap:
-    """side × side entries around each output pixel's place in the source."""
+    """Returns a map with side × side entries around each output pixel's place in the source."""
     y, x = np.mgrid[: output[0], : output[1]].reshape(2, -1, 1, 1)
     offset = np.arange(side) - side // 2
     rows = np.clip(y * source[0] // output[0] + offset[:, None], 0, source[0] - 1)
@@ -281,7 +289,7 @@ def local_map(output: tuple[int, int], source: tuple[int, int], side: int, rng: 
 
 
 def frame_ms(renderer: Renderer, reader: MediaReader) -> dict[str, float]:
-    """Medians of the stages of a whole frame but for its decoding, which another process does meanwhile."""
+    """Returns medians of the stages of a whole frame without decoding, which another process does in parallel."""
     stages: dict[str, list[float]] = {name: [] for name in ("upload", "to codes", "read back", "whole", "processor")}
     for index in range(WARM_UP + REPEATS):
         frame = reader.next_frame(FRAME_TIMEOUT_S)

@@ -1,7 +1,7 @@
-"""What a radiance map costs: the thesis' figure 3.4 on this machine, beside OpenCV in the same run.
+"""Cost of a radiance map: the thesis' figure 3.4 on this machine, next to OpenCV in the same run.
 
-Prints medians of wall time and of processor time, and ratios; nothing here decides a test. 13 exposures a stop apart at
-1280x1024 in colour, 8 bit, and the mean of 13 shots; pictures are in memory, results are read back.
+Prints medians of wall time and of processor time, and ratios; no test depends on them. The input is 13 exposures, one
+stop apart, at 1280x1024 in colour, 8 bit, and the mean of 13 shots. Pictures are in memory; results are read back.
 """
 
 import os
@@ -29,7 +29,7 @@ Times = tuple[float, float]
 
 
 def interleaved(works: dict[str, Callable[[], object]]) -> dict[str, Times]:
-    """Median wall and processor time of each, ms; taken in turn, so that other load meets all of them alike."""
+    """Returns median wall and processor time of each, ms; runs take turns, so that other load affects all equally."""
     times: dict[str, list[Times]] = {name: [] for name in works}
     for _ in range(WARM_UP + REPEATS):
         for name, work in works.items():
@@ -52,8 +52,8 @@ def merging(
 
 
 def opencv(method: str, codes: list[np.ndarray], times: np.ndarray, exposure: np.ndarray) -> Callable[[], np.ndarray]:
-    """The same with OpenCV; it has no average, so its table look-up and its accumulation make one."""
-    curve = np.maximum(exposure, exposure[1] / 2).astype(np.float32)  # its logarithm of 0 has a weight of 0
+    """Returns the same with OpenCV; it has no average, so its look-up table and its accumulation replace one."""
+    curve = np.maximum(exposure, exposure[1] / 2).astype(np.float32)  # the logarithm of 0 has a weight of 0
     if method == "average":
         return lambda: opencv_mean(codes, curve)
     merge = cv2.createMergeDebevec() if method == "debevec" else cv2.createMergeRobertson()
@@ -68,7 +68,7 @@ def opencv_mean(codes: list[np.ndarray], curve: np.ndarray) -> np.ndarray:
 
 
 def agreement(ours: np.ndarray, theirs: np.ndarray, codes: list[np.ndarray]) -> str:
-    """Of pixels with every channel between 10 % and 90 % of the range in some picture."""
+    """Compare pixels with every channel between 10 % and 90 % of the range in some picture."""
     well = np.any([np.all((z > 25) & (z < 230), axis=-1) for z in codes], axis=0)
     error = np.abs(ours[well] / theirs[well] - 1)
     return f"{np.median(error):.0e}, {np.percentile(error, 99):.0e}"
@@ -77,7 +77,7 @@ def agreement(ours: np.ndarray, theirs: np.ndarray, codes: list[np.ndarray]) -> 
 def compare(
     context: moderngl.Context, method: str, codes: list[np.ndarray], times: np.ndarray, exposure: np.ndarray
 ) -> str:
-    """A row of the table: the three contenders' times, and how far the shader's picture is from OpenCV's."""
+    """Returns a row of the table: times of the three implementations, and the shader's difference from OpenCV."""
     estimator = make_estimator(method, exposure, weight_table(USUAL_WEIGHTING.get(method, "hat"), 256), margin=0)
     with GlSums(context, estimator.table, SHAPE, estimator.exponential, SLACK) as gl:
         works = {

@@ -1,6 +1,6 @@
-"""What a correction map costs, from T to files, beside numpy.linalg.pinv looped over the same systems.
+"""Cost of a correction map, from T to files, next to numpy.linalg.pinv looped over the same systems.
 
-The wall of rooms.py: camera 640x480, projector 512x512, 25 entries a column, three channels.
+The wall of rooms.py: camera 640x480, projector 512x512, 25 entries per column, three channels.
 """
 
 import resource
@@ -42,7 +42,7 @@ def map_decomposed() -> Iterator[object]:
     jobs = list(clustered_jobs(channels(cut.near), clusters, everything, np.full(3, 0.01), 0.0, truncation))
     ours = seconds(lambda: list(run_jobs(jobs, "inverting")))
     blocks = ClusterBlocks(clusters, everything)
-    with threadpool_limits(limits=1):  # numpy's own threads would make small ones slower
+    with threadpool_limits(limits=1):  # numpy's own threads would slow small clusters down
         baseline = seconds(lambda: _pinv_loop(blocks, channels(cut.near)))
     yield Timed(
         f"  of that, {clusters.count} clusters inverted and truncated", ours, "numpy.linalg.pinv, looped,", baseline
@@ -50,7 +50,7 @@ def map_decomposed() -> Iterator[object]:
 
 
 def map_windowed() -> Iterator[object]:
-    """T as it is: one cluster, through windows."""
+    """The undecomposed T: one cluster, through windows."""
     total = _from_t_to_files("windowed", InverseOptions(inverse="whole"), 600)
     windows = Windows(np.ones(PROJECTOR, bool), HALOS[0], BLOCKS[0])
     corners = windows.blocks()

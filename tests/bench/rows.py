@@ -1,4 +1,4 @@
-"""A benchmark's result: ours beside the baseline of the same run."""
+"""A benchmark's result, next to the baseline of the same run."""
 
 import time
 from collections.abc import Callable
@@ -11,7 +11,7 @@ WARM_UP, REPEATS = 5, 40
 
 @dataclass(frozen=True)
 class Timed:
-    """Seconds of ours and of the baseline, and the goal that ours is to reach."""
+    """Seconds of this program and of the baseline, and this program's goal."""
 
     what: str
     seconds: float
@@ -29,7 +29,7 @@ class Timed:
 
 
 def seconds(work: Callable[[], object], repeats: int = 1) -> float:
-    """The median of a few runs."""
+    """Returns the median of a few runs."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -39,7 +39,7 @@ def seconds(work: Callable[[], object], repeats: int = 1) -> float:
 
 
 def median_ms(work: Callable[[], object]) -> float:
-    """The median of many runs, warm."""
+    """Returns the median of many runs after warming up."""
     for _ in range(WARM_UP):
         work()
     return 1000 * seconds(work, REPEATS)

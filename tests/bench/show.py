@@ -1,6 +1,6 @@
 """A clip in a window: the real player under Xvfb, 1280x720 through a Gray-code calibration of a 1024x768 projector.
 
-The captures are rendered: a camera of 1280x1024 in front of a textured wall. Where the shared data are beside the
+The captures are rendered: a camera of 1280x1024 in front of a textured wall. If the shared data are next to the
 checkout, real captures of the same sizes follow.
 """
 
@@ -26,11 +26,11 @@ from tests.test_graycode import SHARED, opencv_code, write_capture
 
 PROJECTOR, CAMERA = (768, 1024), (1024, 1280)
 FRAME, RATE, SECONDS = (720, 1280), 30, 6
-FEW, DRAWN = 60, 20  # frames at a slower rate, and drawn alone
+FEW, DRAWN = 60, 20  # frames at a slower rate, and frames drawn alone
 SCREEN = 1280, 1024
 REAL = SHARED / "graycode-procam-kamino" / "capture_0"
-GOAL_MS = 5.0  # decoding and uploading a frame
-ALLOWED = 0.8  # share of a frame's time that drawing may take, so that it is there before its time
+GOAL_MS = 5.0  # milliseconds to decode and upload a frame
+ALLOWED = 0.8  # share of a frame's time that drawing may take, so that the frame is ready in time
 PATIENCE_S = 600.0
 
 
@@ -52,7 +52,7 @@ def show() -> Iterator[str]:
 
 
 def play(display: str, room: Path, clip: Path) -> Iterator[str]:
-    """At the clip's rate; if drawing does not allow that, once more as fast as it does; and refined."""
+    """Play at the clip's rate, at the fastest rate that drawing allows if it is lower, and with refinement."""
     plain = "--refine", "0"
     found = stats_of(display, room, clip, *plain)
     yield line("--refine 0", found, 1.0)
@@ -76,8 +76,8 @@ def line(what: str, found: dict[str, Any], speed: float) -> str:
 
 
 def drawing_ms(room: Path, clip: Path) -> float:
-    """Processor time of all threads to draw a frame without refinement: what other work on the machine leaves alone."""
-    made = headless_renderer("auto", read_room(room, None, refine=0))  # as the window chooses, too
+    """Returns the processor time of all threads to draw a frame without refinement, which other load hardly changes."""
+    made = headless_renderer("auto", read_room(room, None, refine=0))  # the same choice as for a window
     with made as renderer, MediaReader.open(clip) as reader:
         renderer.open(reader.info.format)
         frame = reader.next_frame(PATIENCE_S)
@@ -93,7 +93,7 @@ def drawing_ms(room: Path, clip: Path) -> float:
 
 
 def decoding_ms(clip: Path) -> float:
-    """The decoder process's time on all cores, a frame, copying into shared memory included."""
+    """Returns the decoder process's time per frame over all cores, including the copy into shared memory."""
     with MediaReader.open(clip) as reader:
         before, frames = processor_s(reader.decoder_pid), 0
         while (frame := reader.next_frame(PATIENCE_S)) is not None:
@@ -108,7 +108,7 @@ def processor_s(pid: int) -> float:
 
 
 def stats_of(display: str, room: Path, clip: Path, *options: str) -> dict[str, Any]:
-    """What `--stats` says of the clip played from beginning to end."""
+    """Returns what `--stats` writes for the whole clip."""
     path = room.with_suffix(".json")
     quiet = "--no-config", "--no-audio", "--osd", "off"
     succeed("play", room, clip, *quiet, *options, "--stats", path, **on(display))
@@ -116,7 +116,7 @@ def stats_of(display: str, room: Path, clip: Path, *options: str) -> dict[str, A
 
 
 def make_room(captures: Path, room: Path) -> str:
-    """A calibration with its maps, by the commands; what they say of it."""
+    """Make a calibration with its maps by the commands; returns the import's summary."""
     size = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
     imported = succeed("import-graycode", captures, "--projector", size, "-o", room)
     succeed("build", room)
@@ -124,7 +124,7 @@ def make_room(captures: Path, room: Path) -> str:
 
 
 def write_clip(path: Path) -> None:
-    """A textured picture that glides, H.264."""
+    """Write a gliding textured picture, H.264."""
     height, width = FRAME
     rng = np.random.default_rng(3)
     noise = rng.uniform(0, 255, (height // 8, width // 8, 3))
@@ -141,7 +141,7 @@ def write_clip(path: Path) -> None:
 
 
 def write_captures(folder: Path) -> None:
-    """OpenCV's patterns on an obliquely seen wall: up to 190 codes of light over 10 of ambient."""
+    """Write OpenCV's patterns on an obliquely seen wall: up to 190 codes of light over 10 of ambient."""
     folder.mkdir()
     rng = np.random.default_rng(4)
     height, width = PROJECTOR

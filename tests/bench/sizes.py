@@ -1,4 +1,4 @@
-"""What the default build of a simulated room costs at a given size, with what it chose and gives."""
+"""Cost of the default build of a simulated room at a given size, with its choices and its quality."""
 
 import resource
 import sys

@@ -1,6 +1,6 @@
-"""What one picture costs by the CPU solvers, three channels, beside scipy's solvers looped over the same clusters.
+"""Cost of one picture by the CPU solvers, three channels, next to scipy's solvers looped over the same clusters.
 
-scipy is measured on evenly spaced clusters and scaled to all, where all would take minutes.
+scipy is measured on evenly spaced clusters and scaled to all, because all would take minutes.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,7 +23,7 @@ REPEATS = 3
 
 
 def box() -> Iterator[Timed]:
-    """The box optimum to a relative gap of 1e-4, of T decomposed and as it is."""
+    """The box optimum to a relative gap of 1e-4, for T decomposed and undecomposed."""
     T, b = task(wall_decomposed()[1].near, CAMERA)
     name, baseline = looped(T, b, "lsq_linear", lambda block, b: lsq_linear(block, b, (0, 1)))
     small, picture = task(stacked(focus()), FOCUS_CAMERA)
@@ -42,7 +42,7 @@ def non_negative() -> Iterator[Timed]:
 
 
 def focus_experiment() -> Iterator[Timed]:
-    """The thesis' 48x48 pictures out of focus, one system of 2304x2700 a channel, not decomposed."""
+    """The thesis' 48x48 pictures out of focus, one undecomposed system of 2304x2700 per channel."""
     T, b = task(stacked(focus()), FOCUS_CAMERA)
     ours = seconds(lambda: prepare("box", T).solve(b), REPEATS)
     spent = seconds(lambda: lsq_linear(Channel.of(T, 0).near, b[:, 0], (0, 1), lsq_solver="lsmr"))
@@ -51,7 +51,7 @@ def focus_experiment() -> Iterator[Timed]:
 
 
 def task(near: SparseRows, camera: tuple[int, int]) -> tuple[Transport, FloatArray]:
-    """T, and as b a photograph at the white level that nine in ten camera pixels reach."""
+    """Returns T, and as b a photograph at the white level that nine in ten camera pixels reach."""
     T, picture = Transport(near), typical_pictures(camera)[0].ravel()
     return T, np.percentile(T.composition(), 10, axis=0) * picture[:, None]
 
@@ -59,7 +59,7 @@ def task(near: SparseRows, camera: tuple[int, int]) -> tuple[Transport, FloatArr
 def looped(
     T: Transport, b: FloatArray, name: str, solve: Callable[[FloatArray, FloatArray], object]
 ) -> tuple[str, float]:
-    """What scipy's `solve` takes for all clusters of all channels, from a sample of them."""
+    """Returns a name and the time of scipy's `solve` for all clusters of all channels, estimated from a sample."""
     channels = [Channel.of(T, i) for i in range(3)]
     clusters = channels[0].clusters
     chosen = np.linspace(0, clusters.count - 1, SAMPLED_CLUSTERS).astype(int)

@@ -1,4 +1,4 @@
-"""What a frame reads of its maps in entries of 16 bytes and in words, in every shipped room; the time of one."""
+"""Map data per frame in entries of 16 bytes and in words, in every shipped room; frame time in one room."""
 
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -32,11 +32,11 @@ COLUMNS = (
     "share",
     "of the change allowed",
 )
-ENTRY, LOOKUP = 16, 12  # bytes, of long maps
+ENTRY, LOOKUP = 16, 12  # bytes, of maps with entries of 16 bytes
 
 
 def words() -> Iterator[str]:
-    """Bytes a frame as each room is played by default, from the maps alone: entries of 16 bytes, words, their share."""
+    """Bytes per frame by default in each room, from the maps alone: entries of 16 bytes, words, their ratio."""
     yield f"| {' | '.join(COLUMNS)} |"
     yield "|---" * len(COLUMNS) + "|"
     products: list[str] = []
@@ -53,7 +53,7 @@ def words() -> Iterator[str]:
 
 
 def line(name: str, built: BuiltRoom) -> str:
-    """A row of the table of docs/gpu.md."""
+    """Returns a row of the table of docs/gpu.md."""
     maps, found = built.maps, built.recommendation
     assert found is not None
     long_bytes, small_bytes = (frame_bytes(maps, found, made) for made in ({}, maps.in_words(maps.white)))
@@ -64,7 +64,7 @@ def line(name: str, built: BuiltRoom) -> str:
 
 
 def frame_bytes(maps: RoomMaps, played: Recommendation, words: Mapping[int, WordMap]) -> int:
-    """What the products of a frame read, each byte of a map once a product."""
+    """Returns the bytes that the products of a frame read, with each byte of a map once per product."""
     assert maps.refinement is not None
     direct = played.start == "previous-direct"
     first = [maps.refinement.direct] if direct else [maps.correction, *([] if maps.undo is None else maps.undo.parts)]
@@ -79,7 +79,7 @@ def map_bytes(packed: RowMap, words: Mapping[int, WordMap]) -> int:
 
 
 def timed(room: Room) -> Iterator[str]:
-    """A frame's products of one room in words over in entries of 16 bytes, on the fragment path."""
+    """Yield how long a frame's products take in words, relative to entries of 16 bytes, in one room."""
     with headless_context() as context:
         stored = [GlMaps(context, room, path) for path in ("fragment", "words")]
         long_ms, small_ms = (products_ms(context, each) for each in stored)

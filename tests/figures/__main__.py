@@ -1,7 +1,7 @@
 """python -m tests.figures [--all] [--only WORD]: run the commands that pages name, and list what is stale.
 
-Without --all only those of less than MINUTES. Exit code 1 if a figure is stale or a command fails; a time that is
-another is only listed.
+Without --all, only commands of less than MINUTES run. The exit code is 1 if a figure is stale or a command fails.
+Changed times are only listed.
 """
 
 import argparse
@@ -23,7 +23,8 @@ from tests.figures.unchecked import SENTENCES, UNCHECKED
 from tests.programs import ROOT
 
 MINUTES = 5
-COMPILING = re.compile(r"^compiling for this processor, once.*\n", re.MULTILINE)  # amid tables, at first
+# appears between tables on the first run
+COMPILING = re.compile(r"^compiling for this processor, once.*\n", re.MULTILINE)
 
 
 def main() -> int:
@@ -48,7 +49,7 @@ def main() -> int:
 
 
 def checked(rows: Sequence[Figures]) -> tuple[int, int]:
-    """How many figures are stale, and how many commands failed; each row told."""
+    """Returns the numbers of stale figures and of failed commands; prints each row."""
     stale, broken = 0, set[tuple[str, ...]]()
     for row in rows:
         print(_announced(row), flush=True)
@@ -74,11 +75,11 @@ def _unchecked() -> Iterator[str]:
 
 
 class CommandFailedError(Exception):
-    """A command ended with an error: whether its figures are stale is not known."""
+    """A command ended with an error, so it is not known whether its figures are stale."""
 
 
 def told(row: Figures) -> Iterator[Difference]:
-    """What differs, each printed."""
+    """Yield and print the differences."""
     start, page = time.monotonic(), (ROOT / row.page).read_text(encoding="utf-8")
     stated = row.stated(page)
     found = row.found(written_by(row.commands, row.files))
@@ -91,7 +92,7 @@ def told(row: Figures) -> Iterator[Difference]:
 
 @cache
 def written_by(commands: tuple[str, ...], files: tuple[str, ...]) -> str:
-    """What commands print, one after the other in a folder of their own, and the text of files that they write.
+    """Returns what the commands print, run in sequence in a temporary folder, and the text of `files`.
 
     Raises CommandFailedError.
     """

@@ -1,7 +1,7 @@
-"""Figures as text has them: cells of Markdown tables, of tables in columns, and what a pattern finds; compared.
+"""Figures in text: cells of Markdown tables, of tables in columns, and matches of patterns; and their comparison.
 
-A reader takes a page, or what a command printed, and gives its cells by name. Two cells differ if their words do, or
-if a number is further off than a tolerance: so many units of the last digit that the page states, or a share of it.
+A reader takes a page, or a command's output, and returns its cells by name. Two cells differ if their words differ, or
+if a number is further off than a tolerance: units of the last digit that the page states, or a share of the number.
 Seconds and milliseconds in a cell are compared as times.
 """
 
@@ -13,16 +13,19 @@ from typing import TypeAlias
 Cells: TypeAlias = dict[str, str]
 Reader: TypeAlias = Callable[[str], Cells]
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-UNITS, SHARE = 2.0, 0.05  # what rounding, and another order of float32 sums, may change
-ROUNDING = 0.6  # units, of a number with an exponent, which says no more than its order
-MOST_LABELS = 4  # columns
-SLOWER = 2.0  # times differ by less on machines of a kind
+UNITS, SHARE = 2.0, 0.05  # allowed change by rounding and by the order of float32 sums
+ROUNDING = 0.6  # units, for a number with an exponent, which states only its order of magnitude
+MOST_LABELS = 4  # largest number of first cells in a row's name
+SLOWER = 2.0  # times differ by less on machines of one kind
 SPENT = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?= m?s\b)")
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A cell that the page states and the command does not give; found : None where it gives none."""
+    """A cell where page and command differ.
+
+    found : None if the command prints no such cell.
+    """
 
     name: str
     stated: str
@@ -34,10 +37,10 @@ class Difference:
 
 
 def markdown(beginning: str) -> Reader:
-    """Cells of every table whose header begins so, named by table, row and column: `2: wall | any, clusters`.
+    """Returns a reader of tables whose header begins with `beginning`.
 
-    A row is called by as many of its first cells as tell the table's rows apart; an empty one of them repeats what is
-    above.
+    Cells are named by table, row and column: `2: wall | any, clusters`. A row's name joins its
+    first cells, enough to make the rows distinct; an empty cell repeats the cell above.
     """
 
     def read(text: str) -> Cells:
@@ -64,7 +67,7 @@ def _labels(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _free(cells: Cells, name: str) -> str:
-    """The name, numbered if there is a cell of that name."""
+    """Returns the name, numbered if a cell has that name already."""
     return name if name not in cells else next(n for k in range(2, 10_000) if (n := f"{name} ({k})") not in cells)
 
 
@@ -76,9 +79,10 @@ def _tables(text: str, beginning: str) -> Iterator[list[list[str]]]:
 
 
 def columns(beginning: str, named: Mapping[str, tuple[str, int]]) -> Reader:
-    """Cells of tables in columns, as a command prints them: names are apart by two blanks, numbers by one.
+    """Returns a reader of tables in columns, with two blanks between names and one between numbers.
 
-    beginning : of the header's line.  named : what a row is called -> its first word, and which such row it is, from 1.
+    beginning : of the header's line.
+    named : name of a row -> its first word, and its index among rows with that word, from 1.
     """
 
     def read(text: str) -> Cells:
@@ -99,7 +103,7 @@ def columns(beginning: str, named: Mapping[str, tuple[str, int]]) -> Reader:
 
 
 def pattern(**patterns: str) -> Reader:
-    """By name, the groups of the first match of each pattern, side by side; nothing where there is none."""
+    """Returns a reader of the groups of each pattern's first match, joined by blanks; nothing without a match."""
 
     def read(text: str) -> Cells:
         found = {name: re.search(each, text) for name, each in patterns.items()}
@@ -109,17 +113,17 @@ def pattern(**patterns: str) -> Reader:
 
 
 def renamed(reader: Reader, names: Mapping[str, str]) -> Reader:
-    """Only cells of these names, under others."""
+    """Keep only cells of these names, renamed."""
     return lambda text: {new: cell for old, cell in reader(text).items() if (new := names.get(old)) is not None}
 
 
 def labelled(reader: Reader, label: str) -> Reader:
-    """Only cells whose names have this part: some rows of a page's table."""
+    """Keep only cells whose names contain `label`: some rows of a page's table."""
     return lambda text: {name: cell for name, cell in reader(text).items() if label in name}
 
 
 def without(reader: Reader, *columns: str) -> Reader:
-    """Not cells of these columns: what a page keeps from earlier, which no command gives."""
+    """Drop cells of these columns, which a page keeps from earlier and no command prints."""
     ends = tuple(f", {column}" for column in columns)
     return lambda text: {name: cell for name, cell in reader(text).items() if not name.endswith(ends)}
 
@@ -127,9 +131,9 @@ def without(reader: Reader, *columns: str) -> Reader:
 def differences(
     stated: Cells, found: Cells, times: Callable[[str], bool], units: float = UNITS, share: float = SHARE
 ) -> list[Difference]:
-    """What the page states otherwise than the command; an empty cell states nothing.
+    """Returns the differences between page and command; an empty cell states nothing.
 
-    times : whether a cell of this name is one.
+    times : whether a cell name is a time.
     """
 
     def compared(name: str, cell: str) -> Difference | None:
@@ -145,7 +149,7 @@ def _time_differs(name: str, stated: str, found: str | None) -> Difference | Non
 
 
 def _differs(name: str, stated: str, found: str | None, units: float, share: float) -> Difference | None:
-    """Another figure, or nothing but another time in the cell."""
+    """Returns a differing figure, or a cell in which only a time differs."""
     if found is None or not agree(SPENT.sub("t", stated), SPENT.sub("t", found), units, share):
         return Difference(name, stated, found, time=False)
     spent = [" ".join(SPENT.findall(each)) for each in (stated, found)]
@@ -153,7 +157,7 @@ def _differs(name: str, stated: str, found: str | None, units: float, share: flo
 
 
 def agree(stated: str, found: str, units: float = UNITS, share: float = SHARE) -> bool:
-    """Whether two cells have the same words, and numbers that differ by rounding."""
+    """Returns whether two cells have the same words, and numbers that differ by rounding."""
     one, other = _plain(stated), _plain(found)
     numbers = [NUMBER.findall(each) for each in (one, other)]
     if NUMBER.sub("#", one) != NUMBER.sub("#", other):
@@ -165,7 +169,7 @@ def agree(stated: str, found: str, units: float = UNITS, share: float = SHARE) -
 
 
 def like(stated: str, found: str) -> bool:
-    """Whether two times are of one order, to the last digit that is stated."""
+    """Returns whether two times have the same order of magnitude, to the last stated digit."""
     numbers = [NUMBER.findall(each) for each in (stated, found)]
     return len(numbers[0]) == len(numbers[1]) and all(
         max(float(a), float(b)) <= SLOWER * max(min(float(a), float(b)), last_digit(a))
@@ -174,12 +178,12 @@ def like(stated: str, found: str) -> bool:
 
 
 def last_digit(number: str) -> float:
-    """What the last digit of a number is worth: 0.01 of 3.14, 10 of 2.1e2."""
+    """Returns the value of one unit in the last digit: 0.01 for 3.14, 10 for 2.1e2."""
     mantissa, _, exponent = number.partition("e")
     decimals = len(mantissa.partition(".")[2])
     return float(10.0 ** (int(exponent or 0) - decimals))
 
 
 def _plain(cell: str) -> str:
-    """Without marks of emphasis, code and thousands; a cell that is left out is one that is empty."""
+    """Strip marks of emphasis, code and thousands; a dash counts as an empty cell."""
     return " ".join(re.sub(r"[*`–]|(?<=\d),(?=\d{3}\b)", "", cell).split())

@@ -1,9 +1,10 @@
-"""Figures in prose: sentences of a page, held to a table that the page has and to what a command prints.
+"""Figures in prose: sentences of a page, compared with a table of the page and with a command's output.
 
-A sentence is written as the page has it, with {} for each figure; where the lines of the page end does not matter. What
-it says follows from cells of a table: one of them, the least or the most of several, a difference. So it is held twice:
-to the page's own table by tests/test_figures.py, to the last digit and without a command, and by make figures to what
-the table's command prints. Or the command prints the figures in a sentence of its own, or beside the table.
+A sentence is written as on the page, with {} for each figure; line breaks do not matter. Its figures follow from cells
+of a table: one cell, the least or the most of several, a difference. The sentence is therefore compared twice.
+tests/test_figures.py compares it with the page's own table, to the last digit and without a command. make figures
+compares it with what the table's command prints. Alternatively, the command prints the figures in a sentence of its
+own, or next to the table.
 """
 
 import re
@@ -21,12 +22,12 @@ TIME = re.compile(r"\{\} (?:m?s|seconds|minutes)\b")
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of a table, asked for numbers."""
+    """Cells of a table that are read as numbers."""
 
     cells: Cells
 
     def __call__(self, rows: str, column: str, at: int = 0) -> list[float]:
-        """The number at a place of each cell of a column, in rows whose names have the pattern, as cells.py names them.
+        """Returns the number at a place of each cell of a column, in rows whose names match a pattern (see cells.py).
 
         Raises LookupError if there is none.
         """
@@ -41,7 +42,7 @@ class Table:
         return found
 
     def one(self, rows: str, column: str, at: int = 0) -> float:
-        """The same of a single cell.  Raises LookupError if there are others."""
+        """Returns the number of a single cell. Raises LookupError if several match."""
         [number, *others] = self(rows, column, at)
         if others:
             raise LookupError(f"several rows of {rows}, column {column}")
@@ -49,7 +50,7 @@ class Table:
 
 
 def ends(numbers: Sequence[float]) -> tuple[float, float]:
-    """The least and the most."""
+    """Returns the least and the most."""
     return min(numbers), max(numbers)
 
 
@@ -69,14 +70,18 @@ class Prose(Figures):
 
 @dataclass(frozen=True)
 class Said(Prose):
-    """Sentences that follow from the cells of a table, `of`; follow : reads them off the page that has it."""
+    """Sentences that follow from the cells of a table.
+
+    of : the table's row.
+    follow : reads the figures off the page that has the table.
+    """
 
     of: Figures = field(kw_only=True)
     follow: Reader = field(kw_only=True)
 
 
 def said(page: str, of: Figures, *claims: tuple[str, Formula]) -> Said:
-    """Sentences of a page, and what each one's figures are by the table of another row."""
+    """Returns sentences of a page, with formulas for their figures from the table of another row."""
 
     def from_(read: Reader) -> Reader:
         return lambda text: _follow(Table(read(text)), claims)
@@ -91,7 +96,7 @@ def said(page: str, of: Figures, *claims: tuple[str, Formula]) -> Said:
 
 
 def counted(page: str, of: Figures, read: Reader, *claims: tuple[str, Formula]) -> Prose:
-    """Sentences that follow from what the commands of a table give beside it, which stands on no page."""
+    """Returns sentences whose figures the table's commands also print, outside the tables of any page."""
     words = tuple(each for each, _ in claims)
 
     def found(text: str) -> Cells:
@@ -106,14 +111,14 @@ def _follow(table: Table, claims: Sequence[tuple[str, Formula]]) -> Cells:
         try:
             cells[words] = " ".join(f"{number:.6g}" for number in formula(table))
         except LookupError:
-            continue  # found nothing
+            continue  # the table has no such cell
     return cells
 
 
 def told(
     page: str, commands: tuple[str, ...], minutes: float, *claims: tuple[str, str], files: tuple[str, ...] = ()
 ) -> Prose:
-    """Sentences of a page, and those in which the commands print or write the same figures in the same order."""
+    """Returns sentences of a page, and the sentences in which the commands print the same figures in the same order."""
     printed = {words: sentence(theirs) for words, theirs in claims}
 
     def found(text: str) -> Cells:
@@ -123,12 +128,12 @@ def told(
 
 
 def sentences(*words: str) -> Reader:
-    """The figures of each sentence, named by the sentence."""
+    """Returns a reader of each sentence's figures, named by the sentence."""
     return lambda text: pattern(**{each: sentence(each) for each in words})(_line(text))
 
 
 def sentence(words: str) -> str:
-    """A pattern for words with figures at {}, others at {_}, and anything at three dots."""
+    """Returns a pattern for words with captured figures at {}, other figures at {_}, and anything at three dots."""
     marks = {"{}": f"({FIGURE})", "{_}": FIGURE, "...": ".*?"}
     return "".join(marks.get(part, re.escape(part)) for part in re.split(r"(\{_?\}|\.\.\.)", words))
 
@@ -142,6 +147,6 @@ def is_time(words: str) -> bool:
 
 
 def tabled(page: str, head: str, command: str = "") -> Figures:
-    """The row of a page's table whose header begins so.  Raises ValueError unless there is one."""
+    """Returns the row of a page's table whose header begins with `head`. Raises ValueError unless one matches."""
     [row] = [row for row in TABLES if (row.page, row.head) == (page, head) and command in row.name]
     return row

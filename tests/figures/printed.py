@@ -1,4 +1,4 @@
-"""Rows whose commands print their figures otherwise than the page has them."""
+"""Rows whose commands print their figures in another form than the page."""
 
 import csv
 import re
@@ -7,7 +7,7 @@ from counterlight.tools.study.results import label
 from tests.figures.cells import Cells, Reader, columns, labelled, markdown, pattern, renamed, without
 from tests.figures.row import Figures, ending
 
-SOLVED = {  # a row of docs/solvers.md -> the solver's name, and which of its rows
+SOLVED = {  # row of docs/solvers.md -> the solver's name, and its index among rows of that name
     "`none`": ("none", 1),
     "`direct`": ("direct", 1),
     "`triangulated`": ("triangulated", 1),
@@ -18,7 +18,7 @@ SOLVED = {  # a row of docs/solvers.md -> the solver's name, and which of its ro
     "`qr`, clusters of up to 200": ("qr", 1),
     "`svd`, clusters of up to 200": ("svd", 2),
 }
-MEASURES = {  # a column there -> the command's
+MEASURES = {  # column there -> column of the command
     "RMSE, % of white": "RMSE %",
     "PSNR, dB": "PSNR dB",
     "SSIM": "SSIM",
@@ -29,7 +29,7 @@ MEASURES = {  # a column there -> the command's
 
 
 def solved(text: str) -> Cells:
-    """Of the page, by its own labels without the other columns."""
+    """Returns the page's cells by its own labels, without the other columns."""
     cells = markdown("solver | RMSE")(text)
     named = {f"1: {row}, ": row for row in SOLVED}
     return {
@@ -52,7 +52,7 @@ CORNER, CLIP = "--camera 640x480 --projector 512x512", "calib_data/media/big_buc
 
 
 def one_picture() -> Figures:
-    """The table of docs/solvers.md."""
+    """Returns the row for the table of docs/solvers.md."""
     return Figures(
         "docs/solvers.md",
         (
@@ -70,7 +70,7 @@ def one_picture() -> Figures:
 
 
 def built(room: str) -> Figures:
-    """A row of the table of builds."""
+    """Returns the row for one room in docs/costs.md's table of builds."""
     return Figures(
         "docs/costs.md",
         (f"counterlight simulate {room} {CORNER} -o {room}", f"counterlight build {room}"),
@@ -88,7 +88,7 @@ def built(room: str) -> Figures:
 
 
 def built_by_default(room: str, size: str, minutes: float) -> Figures:
-    """A row of docs/size.md's table of builds: what the last line of one says."""
+    """Returns the row for one room in docs/size.md's table of builds, from the last line of a build."""
     row, decibels = rf"\| `{room}` {size} \| ", r"([\d.]+)"
     return Figures(
         "docs/size.md",
@@ -110,17 +110,18 @@ def built_by_default(room: str, size: str, minutes: float) -> Figures:
             played=rf", {decibels} after the (\d+) that play makes from ([^;]*);",
             build=rf"\n{decibels} s: ",
         ),
-        times=lambda name: name == "build" or (name == "why" and room == "wall"),  # there it is minutes
+        # the wall's reason is a time in minutes
+        times=lambda name: name == "build" or (name == "why" and room == "wall"),
     )
 
 
 def at_size(room: str, size: str) -> tuple[str, str]:
-    """Simulated, and built by default."""
+    """Returns the commands that simulate a room at a size and build it by default."""
     return f"counterlight simulate {room} --camera {size} --projector {size} -o {room}", f"counterlight build {room}"
 
 
 def in_blocks(size: str, minutes: float) -> Figures:
-    """What docs/size.md says of entries and blocks out of focus."""
+    """Returns the row for docs/size.md's sentences on entries and blocks out of focus."""
     losses = {"photograph": r"([\d.]+) dB \(photograph\)", "letters": r"([\d.]+) \(letters\)"}
     return Figures(
         "docs/size.md",
@@ -142,7 +143,7 @@ def in_blocks(size: str, minutes: float) -> Figures:
 
 
 def led_in() -> Figures:
-    """What docs/size.md says of a film that is divided within its shot."""
+    """Returns the row for docs/size.md's sentences on a film that is divided within its shot."""
     play = f"counterlight play two_planes {CLIP} --segments 2"
     stated = {f"after {n}": rf"`--lead-in {n}` in (\d+) of (\d+) (?:codes )?by at most (\d+)" for n in (8, 48)}
     found = {f"after {n}": rf"(\d+) of (\d+) codes differ there, by at most (\d+)\nfilm{n}" for n in (8, 48)}
@@ -161,7 +162,10 @@ def led_in() -> Figures:
 
 
 def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> Figures:
-    """What a scene's effects cost and give, and all of them together; beginning : the number of the page's table."""
+    """Returns the row for the costs and energies of a scene's effects, and their total.
+
+    beginning : number of the page's table.
+    """
     cells = without(labelled(markdown("scene | effect"), f"{beginning}: {scene} | "), "scene", "effect")
 
     def found(text: str) -> Cells:
@@ -187,13 +191,13 @@ def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> F
 
 
 def at_equal_milliseconds(text: str) -> Cells:
-    """Tables of docs/refinement.md: what `previous` takes, and so the head, is the machine's; so are others' steps."""
+    """Read tables of docs/refinement.md whose head and step counts depend on the machine's times."""
     numbered = re.sub(r"^\| start \| \d+ ms .*", "| start, in equal time | a | b | c | d |", text, flags=re.MULTILINE)
     return markdown("start, in equal time")(numbered)
 
 
 def rigged(options: str, minutes: float, beginning: str) -> Figures:
-    """A table of docs/rig.md, which has other columns in another order."""
+    """Returns the row for a table of docs/rig.md, whose columns have another order in the command's output."""
     command = " ".join(["python -m tests.rig", options])
     found = markdown("room | fault | optimum")
     return Figures("docs/rig.md", (command,), minutes, markdown(beginning), found, head=beginning)
@@ -204,7 +208,7 @@ def _in_millions(cells: Cells) -> Cells:
 
 
 def own_room() -> Figures:
-    """What docs/accuracy.md says in prose of a room of one's own."""
+    """Returns the row for docs/accuracy.md's sentences on a user's own room."""
     numbers = r"([\d.]+)"
     return Figures(
         "docs/accuracy.md",
@@ -244,7 +248,10 @@ def own_room() -> Figures:
 
 
 def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
-    """Rows of docs/acquisition.md's table of schemes.  sizes : of camera and projector, as the table has them."""
+    """Returns rows of docs/acquisition.md's table of schemes.
+
+    sizes : of camera and projector, as in the table.
+    """
     camera, projector = sizes.split(", ")
     chosen = " ".join(f"--room {room}" for room in rooms)
     cells = markdown("room | camera, projector | scheme")
@@ -264,13 +271,13 @@ def in_one_line(**patterns: str) -> Reader:
 
 
 def advised(study: Figures) -> Figures:
-    """docs/accuracy.md's table of what to use, whose options the page has in two columns."""
+    """Returns the row for docs/accuracy.md's table of recommendations, whose options take two columns on the page."""
     stated, found = (labelled(markdown(f"you want | {options}"), ", here") for options in ("build", "options"))
     return Figures(study.page, study.commands, study.minutes, stated, found, study.files)
 
 
 def in_a_window() -> Figures:
-    """The table of docs/player.md: milliseconds of a frame, by stages."""
+    """Returns the row for the table of docs/player.md: milliseconds per frame, by stages."""
     stated, found = {}, {}
     for captures in ("rendered", "real"):
         for column, stage in enumerate(("decode", "upload", "draw", "present")):
@@ -282,7 +289,7 @@ def in_a_window() -> Figures:
 
 
 def studied(text: str) -> Cells:
-    """A study's results.csv, which stands last: `wall | text | direct, below_optimum_db` and so on."""
+    """Read a study's results.csv at the end of the text: `wall | text | direct, below_optimum_db` and so on."""
     lines = csv.DictReader(text[text.rfind("room,picture,") :].splitlines())
     return {
         f"{line['room']} | {line['picture']} | {_method(line)}, {column}": cell

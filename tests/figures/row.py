@@ -1,4 +1,4 @@
-"""A row: figures of a page and the commands that give them."""
+"""A row: figures of a page and the commands that print them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -8,11 +8,16 @@ from tests.figures.cells import Reader, markdown
 
 @dataclass(frozen=True)
 class Figures:
-    """page : below the repository.  commands : as the page or a user says them, run one after the other.
+    """Figures of a page and their commands.
 
-    stated, found : read the page, and what the commands wrote: what they printed and `files`, below where they ran.
-    minutes : on two cores, about.  times : whether a cell of a name is one.  units, share : see cells.py.
-    head : of a table, how its header begins.
+    page : below the repository.
+    commands : as on the page or as a user types them, run in sequence.
+    stated, found : readers of the page, and of the commands' output.
+    files : written by the commands below their folder, and read after their output.
+    minutes : on two cores, approximately.
+    times : whether a cell name is a time.
+    units, share : see cells.py.
+    head : beginning of a table's header.
     """
 
     page: str
@@ -34,7 +39,10 @@ class Figures:
 def table(
     page: str, command: str, minutes: float, beginning: str, times: tuple[str, ...] = (), **told: object
 ) -> Figures:
-    """A table that a command prints, or writes into a file, as the page has it.  times : columns."""
+    """Returns the row for a table that a command prints, or writes into a file, as on the page.
+
+    times : columns with times.
+    """
     reader = markdown(beginning)
     is_time = ending(*(f", {column}" for column in times))
     return Figures(page, (command,), minutes, reader, reader, times=is_time, head=beginning, **told)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Which figures of which page come from which command."""
+"""All figures of pages with their commands."""
 
 from tests.figures.prose import PROSE
 from tests.figures.tables import TABLES

@@ -1,4 +1,4 @@
-"""Which tables of which page come from which command."""
+"""Tables of pages with their commands."""
 
 from tests.figures.printed import (
     CORNER,

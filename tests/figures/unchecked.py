@@ -1,4 +1,4 @@
-"""Figures that no row of rows.py reproduces, and why; tests/test_figures.py holds these lists to the pages."""
+"""Figures that no row of rows.py reproduces, with the reason; tests/test_figures.py compares them with pages."""
 
 TIMES = "times and machines alone: make bench"
 LARGE = "gigabytes and hours of rooms at real size: the page has the commands"
@@ -6,7 +6,7 @@ ONCE = "seconds, measured once, as the page says how"
 OUTSIDE = "of measurements or devices that are not in the repository"
 TESTED = "bounds that a test holds, which the page names"
 
-UNCHECKED = (  # page, beginning of a table's header, why
+UNCHECKED = (  # page, beginning of a table's header, reason
     ("docs/costs.md", "| | 16 entries a pixel", TIMES),
     ("docs/drift.md", "| what it says", "limits, not measured"),
     ("docs/gpu.md", "| | 16 entries, ms", TIMES),
@@ -15,7 +15,7 @@ UNCHECKED = (  # page, beginning of a table's header, why
     ("docs/unattended.md", "| event | black for at most", TIMES),
     ("docs/size.md", "| acquired `corner`", LARGE),
 )
-SENTENCES = (  # page, words of prose, why
+SENTENCES = (  # page, words of prose, reason
     ("docs/acquisition.md", "1874 pictures, 303 s", LARGE),
     ("docs/cameras.md", "Positions on the screen are right to a twentieth", TESTED),
     ("docs/displays.md", "a stripe of 4 % of white becomes", TESTED),

@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def _sharing(faults: Sequence[Fault]) -> list[list[Fault]]:
-    """Faults by the calibration that they need."""
+    """Group faults by the calibration that they need."""
     groups: dict[Fault, list[Fault]] = {}
     for fault in faults:
         groups.setdefault(fault.acquisition, []).append(fault)

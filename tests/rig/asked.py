@@ -1,9 +1,9 @@
-"""What a picture asks of a room, pixel by pixel.
+"""The target that a picture sets in a room, pixel by pixel.
 
-A picture x is stated in the projector's primaries, as on a white screen. It asks a camera pixel for white · M₀ x, where
-M₀ is what the camera sees of the primaries there, and for darkness where no picture stands. The target is as much of
-white · M₀ x as the pixel can show by itself, by some drive of the three floodlights. Beyond the calibrated view, any
-light is right from darkness to what the picture throws there without compensation. No mask is read.
+A picture x is stated in the projector's primaries, as on a white screen. The picture wants white · M₀ x at a camera
+pixel, and darkness where no picture stands. M₀ is what the camera sees of the primaries there. The target is as much of
+white · M₀ x as the pixel can show by itself, by some drive of the three floodlights. Beyond the calibrated view, the
+target is a range: from darkness to the light of the uncompensated picture there. No mask is read.
 """
 
 from dataclasses import dataclass
@@ -21,18 +21,20 @@ from tests.rig.view import View
 BoolArray = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 
-LIT = 0.01  # of the 99th percentile of direct light
-GLIMMER = 0.001  # likewise, of all light: where light outside is looked for
+LIT = 0.01  # share of the 99th percentile of direct light
+GLIMMER = 0.001  # the same, of all light: pixels where light outside the picture is measured
 BRIGHT = 99.0
-NEARBY = 8  # audience's pixels a side: the light of plain projection may stand so far from where it is
-PIXEL_STEPS = 100  # of three unknowns each
+NEARBY = 8  # audience's pixels per side: tolerance for the position of the uncompensated picture's light
+PIXEL_STEPS = 100  # steps for three unknowns per pixel
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What will do: from least to most, (pixels, 3), radiance.
+    """The target, a range from least to most.
 
-    counted : (pixels,), what the projector lights directly in the calibrated view.  white : that of a white picture.
+    least, most : (pixels, 3), radiance.
+    counted : (pixels,). Pixels in the calibrated view that the projector lights directly.
+    white : radiance of a white picture.
     """
 
     least: FloatArray
@@ -41,16 +43,16 @@ class Asked:
     white: float
 
     def error(self, seen: FloatArray) -> FloatArray:
-        """How far what is seen is from what will do: (pixels, 3)."""
+        """Returns the signed distance from the range: (pixels, 3)."""
         return np.asarray(seen - np.clip(seen, self.least, self.most))
 
 
 @dataclass(frozen=True)
 class Question:
-    """A picture in a room, asked of the calibrated camera's pixels and of the audience's.
+    """The targets of a picture in a room, for the calibrated camera's pixels and the audience's pixels.
 
-    beyond : (audience pixels,), lit at all and beyond the calibrated view.  beside : (audience height, audience width),
-    lit at all, and no picture stands there.
+    beyond : (audience pixels,). Lit, and beyond the calibrated view.
+    beside : (audience height, audience width). Lit, and outside the picture.
     """
 
     near: Asked
@@ -60,9 +62,11 @@ class Question:
 
 
 class Limits:
-    """What each pixel of one camera can show.
+    """The light that each pixel of one camera can show.
 
-    dark : (pixels, 3), under the projector's black.  flood : (pixels, camera channel, primary).  lit : (pixels,).
+    dark : (pixels, 3). Under the projector's black.
+    flood : (pixels, camera channel, primary).
+    lit : (pixels,).
     """
 
     def __init__(self, rig: Rig, view: View, dark: FloatArray) -> None:
@@ -75,7 +79,7 @@ class Limits:
         self._of_white = rig.light.of_white()
 
     def of(self, wanted: FloatArray, white: float) -> FloatArray:
-        """What each pixel can show of a linear picture (height, width, 3) over the whole view: (pixels, 3)."""
+        """Returns the nearest reachable light, (pixels, 3), to a linear picture (height, width, 3) over the view."""
         return reachable(white * wanted.reshape(-1, 3) @ self._of_white.T, self.dark, self.flood)
 
     @property
@@ -84,7 +88,7 @@ class Limits:
 
 
 class Questions:
-    """What pictures ask of one rig as it stands now."""
+    """Targets of pictures for one rig in its present state."""
 
     def __init__(self, rig: Rig) -> None:
         black = np.zeros((*rig.raster, 3), np.uint8)
@@ -94,7 +98,11 @@ class Questions:
         self._glimmer = self.wide.glimmer
 
     def of(self, picture: Picture, white: float, plain: Codes) -> Question:
-        """white : radiance of a white picture.  plain : the picture as it is projected without compensation."""
+        """Returns the targets of a picture.
+
+        white : radiance of a white picture.
+        plain : codes of the uncompensated picture.
+        """
         wanted, inside = picture.placed(self._rig.camera)
         audience = self._rig.room.lattice.audience
         stands, view = (_framed(each, audience).ravel() > 0 for each in (inside, np.ones_like(inside)))
@@ -112,9 +120,10 @@ class Questions:
 
 
 def reachable(wanted: FloatArray, dark: FloatArray, flood: FloatArray) -> FloatArray:
-    """What each pixel can show by itself of what is wanted: dark + F q, 0 ≤ q ≤ 1, nearest to it.
+    """Returns the light nearest to `wanted` that each pixel can show by itself: dark + F q, 0 ≤ q ≤ 1.
 
-    wanted, dark : (pixels, 3).  flood : F, (pixels, camera channel, primary).
+    wanted, dark : (pixels, 3).
+    flood : F, (pixels, camera channel, primary).
     """
     light = wanted - dark
     squares = np.einsum("nki,nkj->nij", flood, flood)
@@ -136,7 +145,7 @@ def _above(rise: FloatArray, share: float) -> BoolArray:
 
 
 def _framed(picture: FloatArray | BoolArray, size: tuple[int, int]) -> FloatArray:
-    """The calibrated view's picture at the audience's sampling, each pixel a block, in the middle of its wider view."""
+    """Returns the calibrated view's picture in the middle of the audience's wider view; each pixel becomes a block."""
     finer = np.asarray(picture, np.float64).repeat(FINE, axis=0).repeat(FINE, axis=1)
     margins = [((whole - part) // 2, (whole - part) // 2) for whole, part in zip(size, finer.shape, strict=False)]
     return np.pad(finer, margins + [(0, 0)] * (finer.ndim - 2))

@@ -1,4 +1,4 @@
-"""What the product is tried with: one fault alone, or what a home has all at once."""
+"""Faults under which the product is tried: single faults, or all that a home has at once."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,10 +12,11 @@ SRGB = Projector(gammas=None)
 
 @dataclass(frozen=True)
 class Fault:
-    """devices : during the acquisition.  given : what of the projector's response the acquisition is told.
+    """A fault of the devices or of the given data.
 
-    given : "table" (measured by hand), "srgb", or "" (nothing: the documented defaults).  later : what has changed when
-    the picture is shown.
+    devices : during the acquisition.
+    given : response that the acquisition receives: "table" (measured), "srgb", or "" (none: the documented defaults).
+    later : changes between the acquisition and the show.
     """
 
     name: str
@@ -26,12 +27,12 @@ class Fault:
 
     @property
     def now(self) -> Devices:
-        """The devices when the picture is shown."""
+        """The devices during the show."""
         return replace(self.devices, **dict(self.later))
 
     @property
     def acquisition(self) -> "Fault":
-        """The same for faults that can share a calibration."""
+        """The acquisition alone; equal for faults that can share a calibration."""
         return replace(self, name="", says="", later=())
 
 

@@ -1,4 +1,4 @@
-"""How a camera stores what its sensor saw: through a curve, in eight bits, perhaps as JPEG."""
+"""Storage of what a camera's sensor saw: a curve, eight bits, perhaps JPEG."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from tests.rig.rays import FloatArray
 
-FULL = (1 << 16) - 1  # of the sensor's codes
+FULL = (1 << 16) - 1  # largest code of the sensor
 
 
 @dataclass(frozen=True)
 class Stored:
-    """curve : of CURVES, or a number: a gamma.  bits : 16, as the sensor gives them, or 8.
+    """File format of a camera.
 
-    quality : of JPEG with halved colours (4:2:0), 0 for PNG.
+    curve : one of CURVES, or a number as gamma.
+    bits : 16, as the sensor gives them, or 8.
+    quality : of JPEG with halved colours (4:2:0); 0 for PNG.
     """
 
     curve: str | float = "linear"
@@ -24,7 +26,7 @@ class Stored:
     quality: int = 0
 
     def codes(self, sensor: NDArray[np.uint16]) -> NDArray[Any]:
-        """What a program reads of such a file: (height, width, 3)."""
+        """Returns the codes that a program reads from such a file: (height, width, 3)."""
         light = sensor / FULL
         seen = light ** (1 / self.curve) if isinstance(self.curve, float) else CURVES[self.curve](light)
         if self.bits == 16:
@@ -45,12 +47,12 @@ def _compressed(codes: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
 
 
 def _srgb(light: FloatArray) -> FloatArray:
-    """IEC 61966-2-1."""
+    """Apply the sRGB curve (IEC 61966-2-1)."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
 
 
 def _contrast(light: FloatArray) -> FloatArray:
-    """An S: shadows darker, highlights brighter."""
+    """Apply an S curve: shadows darker, highlights brighter."""
     return light * light * (3 - 2 * light)
 
 

@@ -1,9 +1,8 @@
-"""From where light meets a surface back to the projector's raster: the footprint of each pixel, sharp or out of focus.
+"""Footprint of each projector pixel, sharp or out of focus, from the places where light meets a surface.
 
-A sample of a surface at raster position (u, v) is lit by pixel j along an axis with the share of j's unit box that lies
-under a Gaussian around u (the lens when in focus), cut at three σ and made to sum to 1. A lens out of focus is a disc
-of points, each throwing a picture of its own, so that shadows get penumbras. A projector that has moved is (u, v)
-shifted: nothing is resampled.
+A surface sample at raster position (u, v) is lit by pixel j along an axis. The share is the part of j's unit box under
+a Gaussian around u (the focused lens), cut at three σ and normalised to 1. A lens out of focus is a disc of points,
+each with its own picture, so that shadows get penumbras. A moved projector is a shift of (u, v), without resampling.
 """
 
 from collections.abc import Sequence
@@ -18,16 +17,17 @@ from tests.rig.rays import FloatArray, Pinhole, Rectangle
 
 LENS = 0.3  # σ of a focused lens, projector pixels
 CUT = 3.0
-CHUNK = 1 << 18  # hits at a time
-VIGNETTING = 0.15  # of the flux, at half the raster's width from the axis
+CHUNK = 1 << 18  # hits per chunk
+VIGNETTING = 0.15  # loss of flux, at half the raster's width from the axis
 
 
 @dataclass(frozen=True)
 class Hits:
     """Light that arrives at samples of surfaces.
 
-    sample : (n,), which one; several hits of a sample add up.  uv : (n, 2), raster position, in pixels.
-    irradiance : (n,), of a raster without borders at full drive.
+    sample : (n,). Index of the sample; several hits of a sample add up.
+    uv : (n, 2). Raster position, pixels.
+    irradiance : (n,). From a raster without borders at full drive.
     """
 
     sample: NDArray[np.int64]
@@ -44,7 +44,7 @@ def joined(hits: Sequence[Hits]) -> Hits:
 
 
 def flux(projector: Pinhole, uv: FloatArray) -> FloatArray:
-    """Of a pixel there at full drive, relative to the middle of the raster."""
+    """Returns the flux of a pixel at `uv` at full drive, relative to the middle of the raster."""
     height, width = projector.size
     squared = np.sum((uv - (width / 2, height / 2)) ** 2, axis=-1) / (width / 2) ** 2
     return np.asarray(1 - VIGNETTING * np.minimum(squared, 2))
@@ -54,7 +54,9 @@ def flux(projector: Pinhole, uv: FloatArray) -> FloatArray:
 class Aperture:
     """A round lens.
 
-    radius : metres; 0 is a pinhole.  focus : depth of the sharp plane, metres.  points : that stand for the lens.
+    radius : metres; 0 is a pinhole.
+    focus : depth of the sharp plane, metres.
+    points : number of points that represent the lens.
     """
 
     radius: float = 0.0
@@ -62,7 +64,7 @@ class Aperture:
     points: int = 1
 
     def offsets(self) -> FloatArray:
-        """(points, 2), right and down, in a sunflower's order: of equal areas."""
+        """Returns (points, 2), right and down, in a sunflower pattern of equal areas."""
         index = np.arange(self.points)
         distance = self.radius * np.sqrt((index + 0.5) / self.points)
         angle = index * np.pi * (3 - np.sqrt(5))
@@ -77,11 +79,14 @@ def direct_hits(
     numbers: NDArray[np.int64],
     occluders: Sequence[Rectangle],
 ) -> Hits:
-    """Light on points of surfaces straight from the projector's lens.
+    """Returns direct light from the projector's lens on points of surfaces.
 
-    points, normals : (n, 3).  numbers : (n,), of the samples.  E = flux · cosθ / (r² · solid angle of a pixel), behind
-    an occluder 0. The focal plane is across the projector's axis, so that a pixel's solid angle from any point of the
-    lens goes with the cube of the cosine of the ray's angle to the axis.
+    E = flux · cosθ / (r² · solid angle of a pixel), and 0 behind an occluder. The focal plane is perpendicular to the
+    projector's axis. A pixel's solid angle from any lens point is therefore proportional to cos³ of the ray's angle to
+    the axis.
+
+    points, normals : (n, 3).
+    numbers : (n,). Indices of the samples.
     """
     found = []
     for right, down in aperture.offsets():
@@ -95,7 +100,8 @@ def direct_hits(
         ray = start - at
         squared = np.sum(ray**2, axis=1)
         cosine = np.abs(np.sum(ray * normal, axis=1)) / np.sqrt(squared)
-        leaving = projector.pixels(local - (right, down, 0))  # as if through the middle: the way of the ray alone
+        # the lens' middle is used here: only the ray's direction counts
+        leaving = projector.pixels(local - (right, down, 0))
         irradiance = flux(projector, uv) * cosine / (squared * projector.solid_angle(leaving)) / aperture.points
         dark = np.zeros(len(at), np.bool_)
         for occluder in occluders:
@@ -107,9 +113,9 @@ def direct_hits(
 def footprints(
     hits: Hits, samples: int, raster: tuple[int, int], shift: tuple[float, float] = (0, 0), sigma: float = LENS
 ) -> sparse.csr_array:
-    """W, (samples, projector pixels): irradiance of each sample for each pixel at full drive.
+    """Returns W, (samples, projector pixels): irradiance of each sample per pixel at full drive.
 
-    shift : how far the projected picture has moved over the room, pixels right and down.
+    shift : movement of the projected picture over the room, pixels right and down.
     """
     total = sparse.csr_array((samples, raster[0] * raster[1]), dtype=np.float32)
     order = np.argsort(hits.sample, kind="stable")
@@ -128,7 +134,7 @@ def footprints(
 
 
 def _spread(u: FloatArray, pixels: int, sigma: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """The pixels along an axis under a Gaussian around u, and their shares: (n, taps) twice; beyond the raster 0."""
+    """Returns pixels along an axis under a Gaussian around u, and shares: (n, taps) each; 0 off the raster."""
     reach = CUT * sigma
     first = np.floor(u - reach).astype(np.int64)
     edges = first[:, None] + np.arange(int(np.ceil(2 * reach)) + 2)

@@ -1,8 +1,8 @@
-"""Spectra: a projector's primaries, pigments, a camera's sensitivities, and what comes of the three.
+"""Spectra: a projector's primaries, pigments, a camera's sensitivities, and the resulting mixing.
 
-A camera channel k sees of a primary l by way of a pigment of reflectance ρ: M_kl = Σ_λ C_k(λ) ρ(λ) P_l(λ), over 24
-bands of 12.5 nm. Cameras, pigments and observers are those of colour-science; the camera is balanced so that a perfect
-white under full drive is 1 in each channel.
+Camera channel k sees primary l on a pigment of reflectance ρ as M_kl = Σ_λ C_k(λ) ρ(λ) P_l(λ), over 24 bands of
+12.5 nm. Cameras, pigments and observers are data of colour-science. The camera is balanced so that a perfect white
+under full drive is 1 in each channel.
 """
 
 from collections.abc import Callable
@@ -22,15 +22,16 @@ OBSERVER = "CIE 1931 2 Degree Standard Observer"
 # A wall's paints: names of the chart, in the order of a pigment map's last axis.
 PIGMENTS = ("white 9.5 (.05 D)", "neutral 5 (.70 D)", "black 2 (1.5 D)", "moderate red", "blue sky", "orange yellow")
 PAPER, GREY, INK, RED, BLUE, YELLOW = range(len(PIGMENTS))
-MIXED_BANDS = 17, 10, 4  # of one-band primaries: 619, 531 and 456 nm
+MIXED_BANDS = 17, 10, 4  # bands of one-band primaries: 619, 531 and 456 nm
 
 
 @dataclass(frozen=True)
 class Light:
-    """A projector's light and the camera that looks at it.
+    """A projector's light and the camera that sees it.
 
-    primaries : (3, bands), spectral power at full drive.  sensitivities : (3, bands), balanced.
-    weakness : (3,), ≥ 1: how much weaker than the strongest the camera's channel is before it is balanced.
+    primaries : (3, bands). Spectral power at full drive.
+    sensitivities : (3, bands), balanced.
+    weakness : (3,), ≥ 1. Gain of each channel relative to the strongest channel, before balance.
     """
 
     name: str
@@ -39,22 +40,22 @@ class Light:
     weakness: FloatArray
 
     def mixing(self, reflectances: FloatArray) -> FloatArray:
-        """M of each pigment: (pigments, bands) -> (pigments, camera channel, primary)."""
+        """Returns M of each pigment: (pigments, bands) -> (pigments, camera channel, primary)."""
         return np.einsum("kb,qb,lb->qkl", self.sensitivities, reflectances, self.primaries)
 
     def seen(self, illuminant: FloatArray, reflectances: FloatArray) -> FloatArray:
-        """What the camera sees of pigments under an illuminant (bands,): (pigments, 3), white's mean being 1."""
+        """Returns what the camera sees of pigments under an illuminant (bands,): (pigments, 3); white's mean is 1."""
         white = self.sensitivities @ illuminant
         return np.einsum("kb,qb,b->qk", self.sensitivities, reflectances, illuminant) / white.mean()
 
     def of_white(self) -> FloatArray:
-        """M of a perfect white, (3, 3): what the camera sees of each primary on a white screen. Rows sum to 1."""
+        """Returns M of a perfect white screen, (3, 3), channel by primary. Rows sum to 1."""
         return np.asarray(self.sensitivities @ self.primaries.T)
 
     def to_xyz(self) -> FloatArray:
-        """(3, 3) from this camera's RGB to CIE XYZ, white's Y being 1: least squares over a chart under this projector.
+        """Returns (3, 3) from this camera's RGB to CIE XYZ with Y = 1 for white, by least squares over a chart.
 
-        Each patch is lit by every combination of full primaries, so that the projector's own colours are fitted too.
+        Every combination of full primaries lights each patch, so that the projector's own colours are fitted too.
         """
         observer = spectra(colour.MSDS_CMFS[OBSERVER])
         drives = np.array([[number >> bit & 1 for bit in range(3)] for number in range(1, 8)])
@@ -65,14 +66,14 @@ class Light:
 
 
 def separate() -> Light:
-    """No crosstalk: each channel of the camera sees one primary."""
+    """Returns a light without crosstalk: each channel of the camera sees one primary."""
     return mixed(0.0)
 
 
 def mixed(share: float) -> Light:
-    """Exactly `share` of each camera channel's white comes from the neighbouring primaries, equally of all that it has.
+    """Returns a light where `share` of each camera channel's white comes equally from the neighbouring primaries.
 
-    One-band primaries, so that what leaks keeps the reflectance at its own wavelength: T_kl = X_kl ρ(λ_l).
+    The primaries have one band each, so leaked light keeps the reflectance at its own wavelength: T_kl = X_kl ρ(λ_l).
     """
     near = np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
     primaries, sensitivities = np.zeros((3, BANDS)), np.zeros((3, BANDS))
@@ -82,12 +83,12 @@ def mixed(share: float) -> Light:
 
 
 def led() -> Light:
-    """Three LEDs: narrow bands, half widths 20, 35 and 25 nm."""
+    """Returns three LEDs: narrow bands, half widths 20, 35 and 25 nm."""
     return _photographed("LED", np.stack([_bell(625, 20), _bell(525, 35), _bell(460, 25)]))
 
 
 def wheel() -> Light:
-    """A white lamp, lines of mercury on a continuum, behind a colour wheel whose filters overlap."""
+    """Returns a white lamp, mercury lines on a continuum, behind a colour wheel with overlapping filters."""
     lines = spectra(colour.SDS_ILLUMINANTS["FL11"])
     lamp = 0.75 + 0.25 * lines / lines.mean()
     filters = _edge(585, 8), _edge(492, 8) - _edge(604, 8), 1 - _edge(508, 8)
@@ -104,24 +105,24 @@ LIGHTS: dict[str, Callable[[], Light]] = {
 
 @cache
 def pigments() -> FloatArray:
-    """(pigments, bands), reflectance."""
+    """Returns reflectance, (pigments, bands)."""
     return np.stack([spectra(colour.SDS_COLOURCHECKERS[CHART][name]) for name in PIGMENTS])
 
 
 @cache
 def chart() -> FloatArray:
-    """(24, bands), reflectance of the whole chart."""
+    """Returns reflectance of the whole chart, (24, bands)."""
     return np.stack([spectra(patch) for patch in colour.SDS_COLOURCHECKERS[CHART].values()])
 
 
 @cache
 def room_light() -> FloatArray:
-    """(bands,), daylight that comes through a curtain: CIE D50."""
+    """Returns daylight through a curtain, (bands,): CIE D50."""
     return spectra(colour.SDS_ILLUMINANTS["D50"])
 
 
 def spectra(tabulated: object) -> FloatArray:
-    """Means over the bands of a colour-science spectrum, or of several: (bands,) or (functions, bands)."""
+    """Returns means over the bands of one or more colour-science spectra: (bands,) or (functions, bands)."""
     nm, values = np.asarray(tabulated.wavelengths), np.asarray(tabulated.values)  # type: ignore[attr-defined]
     fine = (SHORTEST_NM + np.arange(BANDS * WIDTH_NM * 2) / 2 + 0.25).clip(nm[0], nm[-1])
     columns = values.reshape(nm.size, -1).T
@@ -136,11 +137,11 @@ def _photographed(name: str, primaries: FloatArray) -> Light:
 
 
 def _bell(centre_nm: float, width_nm: float) -> FloatArray:
-    """Gaussian, of one unit of power, by its full width at half its height."""
+    """Returns a Gaussian of unit power with a given full width at half maximum."""
     shape = np.exp(-4 * np.log(2) * ((CENTRES_NM - centre_nm) / width_nm) ** 2)
     return np.asarray(shape / shape.sum())
 
 
 def _edge(nm: float, width_nm: float) -> FloatArray:
-    """A filter that lets through what is longer."""
+    """Returns a filter that passes longer wavelengths."""
     return np.asarray(1 / (1 + np.exp(-(CENTRES_NM - nm) / width_nm)))

@@ -1,8 +1,8 @@
-"""The best that the rig's projector can show, from the true T: the least ½ Σ r² over what counts, darkest ≤ p ≤ 1.
+"""The best drive of the rig's projector by the true T: the least ½ Σ r² over counted pixels, darkest ≤ p ≤ 1.
 
-The error of a pixel is r = T p − b, b the light that is asked of it.
-Accelerated projected gradient (Beck and Teboulle 2009) with restarts (O'Donoghue and Candès 2015). With g the gradient
-at p, no picture is better by more than G = Σ max(g (p − low), g (p − high)): the certificate that ends it.
+The error of a pixel is r = T p − b, with b the light wanted there. The method is accelerated projected gradient (Beck
+and Teboulle 2009) with restarts (O'Donoghue and Candès 2015). With g the gradient at p, no picture is better by more
+than G = Σ max(g (p − low), g (p − high)). This certificate ends the iteration.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,12 @@ MOST_STEPS, LOOK_EVERY = 3000, 20
 
 @dataclass(frozen=True)
 class Optimum:
-    """drive : (projector pixels, 3).  half_squares : ½ Σ r².  gap : no drive's is smaller by more."""
+    """A solution.
+
+    drive : (projector pixels, 3).
+    half_squares : ½ Σ r².
+    gap : bound on the possible improvement of half_squares.
+    """
 
     drive: FloatArray
     half_squares: float
@@ -28,9 +33,11 @@ class Optimum:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is solved.
+    """The problem.
 
-    target : b, (camera pixels, 3), light of the projector.  counted : (camera pixels,).  darkest, brightest : drive.
+    target : b, (camera pixels, 3). Light of the projector.
+    counted : (camera pixels,).
+    darkest, brightest : drive.
     """
 
     transport: Transport
@@ -40,7 +47,7 @@ class Problem:
     brightest: float
 
     def error(self, drive: FloatArray) -> FloatArray:
-        """r, (camera pixels, 3)."""
+        """Returns r, (camera pixels, 3)."""
         return np.where(self.counted[:, None], self.transport.apply(drive) - self.target, 0)
 
     def clamped(self, drive: FloatArray) -> FloatArray:
@@ -54,7 +61,7 @@ class Problem:
 
 
 def box_optimum(problem: Problem, tolerance: float) -> Optimum:
-    """Until G is less than `tolerance` of ½ Σ r²."""
+    """Iterate until G is at most `tolerance` of ½ Σ r²."""
     transport = problem.transport
     ones = np.ones((transport.near.shape[1] // 3, 3))
     # T ≥ 0, so that TᵀT is below the diagonal of its row sums: steps of 1/d never overshoot.

@@ -1,8 +1,8 @@
-"""A pane of glass, bumpy in front and flat behind: what it does to rays, and the projector's light behind it.
+"""A pane of glass, bumpy in front and flat behind: its effect on rays, and the projector's light behind it.
 
-Rays through the raster are followed to the wall, as the corners of a fine mesh; a triangle of the mesh carries its flux
-to where it lands, so that folds double a footprint, and what is spread out is dimmer. A second mesh is the light that
-the pane's two faces reflect once within (a ghost).
+Rays through the raster are followed to the wall as the corners of a fine mesh. A triangle of the mesh carries its flux
+to where it lands, so that folds double a footprint, and spread light is dimmer. A second mesh is the light that the
+pane's two faces reflect once inside (a ghost).
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tests.rig.footprints import Hits, flux
 from tests.rig.rays import FloatArray, Pinhole, Rectangle
 
-MESH = 4  # corners a projector pixel along each side
+MESH = 4  # corners per side of a projector pixel
 MARGIN = 6  # projector pixels beyond the raster
 NEWTON = 4
 
@@ -22,8 +22,8 @@ NEWTON = 4
 class Pane:
     """Glass between two faces across z: in front z = front + bumps(x, y), behind z = front + thickness.
 
-    waves : (n, 4): height in metres, wave numbers along x and y in 1/m, phase.  coating : reflectance of either face
-    (at any angle, as coats are made), None: bare glass, by Fresnel.
+    waves : (n, 4). Height in metres, wave numbers along x and y in 1/m, phase.
+    coating : reflectance of either face at any angle; None: bare glass, by Fresnel.
     """
 
     front: float
@@ -33,7 +33,7 @@ class Pane:
     coating: float | None = None
 
     def bumps(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Height and its derivatives along x and y."""
+        """Returns the height and its derivatives along x and y."""
         height, along_x, along_y, phase = (column[:, None] for column in self.waves.T)
         at = along_x * x + along_y * y + phase
         slope = height * np.cos(at)
@@ -42,9 +42,9 @@ class Pane:
     def through(
         self, origins: FloatArray, directions: FloatArray, *, ghost: bool = False
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Where rays leave the back, which way, and what share of their light: (n, 3), (n, 3), (n,).
+        """Returns where rays leave the back, their direction, and the share of their light: (n, 3), (n, 3), (n,).
 
-        ghost : by way of one reflection at the back and one at the front.
+        ghost : whether the path has one reflection at the back and one at the front.
         """
         at, normal = self._front(origins, directions)
         inner, share = self._enter(directions, normal)
@@ -61,7 +61,7 @@ class Pane:
         return at, refracted(inner, flat, self.index), share
 
     def _front(self, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where rays meet the bumpy face, and its normal away from the first camera: Newton's method on the height."""
+        """Returns where rays meet the bumpy face, and its normal away from the camera, by Newton's method."""
         t = (self.front - origins[:, 2]) / directions[:, 2]
         for _ in range(NEWTON):
             at = origins + t[:, None] * directions
@@ -86,9 +86,9 @@ class Pane:
 
 
 def refracted(directions: FloatArray, normal: FloatArray, ratio: float) -> FloatArray:
-    """Snell's law for unit vectors; ratio : index before the face over that behind it.
+    """Apply Snell's law to unit vectors; total reflection gives a direction along the face.
 
-    Total reflection goes along the face.
+    ratio : index before the face over the index behind it.
     """
     cosine = np.sum(directions * normal, axis=1, keepdims=True)
     normal = np.where(cosine < 0, -normal, normal)
@@ -98,7 +98,10 @@ def refracted(directions: FloatArray, normal: FloatArray, ratio: float) -> Float
 
 
 def fresnel(cosine: FloatArray, ratio: float) -> FloatArray:
-    """Reflectance of a face for unpolarised light; ratio : index before the face over that behind it."""
+    """Returns a face's reflectance for unpolarised light.
+
+    ratio : index before the face over the index behind it.
+    """
     behind = np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0))
     across = (ratio * cosine - behind) / (ratio * cosine + behind)
     along = (cosine * 1 - ratio * behind) / (cosine + ratio * behind)
@@ -108,7 +111,7 @@ def fresnel(cosine: FloatArray, ratio: float) -> FloatArray:
 def light_behind(
     pane: Pane, projector: Pinhole, wall: Rectangle, points: FloatArray, numbers: NDArray[np.int64], *, ghost: bool
 ) -> Hits:
-    """Light on points of the wall's plane, (n, 2) in metres along its sides, from the projector through the pane."""
+    """Returns the light through the pane on points (n, 2) of the wall's plane, in metres along its sides."""
     uv, landed, share = _mesh(pane, projector, wall, ghost=ghost)
     triangles = _triangles(uv.shape[:2])
     triangles = triangles[np.isfinite(landed.reshape(-1, 2)).all(axis=1)[triangles].all(axis=1)]
@@ -123,7 +126,7 @@ def light_behind(
 
 
 def _mesh(pane: Pane, projector: Pinhole, wall: Rectangle, *, ghost: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Raster positions, where their rays land (metres along the wall's sides) and the share that arrives."""
+    """Returns raster positions, where their rays land (metres along the wall's sides), and the share that arrives."""
     height, width = projector.size
     v, u = np.meshgrid(
         *(np.arange(-MARGIN * MESH, (n + MARGIN) * MESH + 1) / MESH for n in (height, width)), indexing="ij"
@@ -132,20 +135,20 @@ def _mesh(pane: Pane, projector: Pinhole, wall: Rectangle, *, ghost: bool) -> tu
     at, leaving, share = pane.through(np.broadcast_to(projector.position, directions.shape), directions, ghost=ghost)
     t = wall.distance(at, leaving)
     sides = np.array([np.linalg.norm(wall.across), np.linalg.norm(wall.down)])
-    reached = np.where(np.isfinite(t), t, np.nan)  # what total reflection turns away lands nowhere
+    reached = np.where(np.isfinite(t), t, np.nan)  # rays under total reflection land nowhere
     landed = wall.shares(at + reached[:, None] * leaving) * sides
     return np.stack([u, v], axis=-1), landed.reshape(*u.shape, 2), share.reshape(u.shape)
 
 
 def _triangles(shape: tuple[int, int]) -> NDArray[np.int64]:
-    """(triangles, 3) corners of a mesh of squares, each cut in two."""
+    """Returns (triangles, 3), corners of a mesh of squares, each cut in two."""
     number = np.arange(shape[0] * shape[1]).reshape(shape)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
     return np.concatenate([np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([b, d, c], axis=-1).reshape(-1, 3)])
 
 
 def _twice_area(corners: FloatArray) -> FloatArray:
-    """Signed, of (n, 3, 2)."""
+    """Returns the signed double area of triangles (n, 3, 2)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
@@ -153,10 +156,12 @@ def _twice_area(corners: FloatArray) -> FloatArray:
 def located(
     points: FloatArray, triangles: FloatArray
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], FloatArray]:
-    """Every pair of a triangle and a point inside it, with the point's barycentric coordinates: ((n,), (n,)), (n, 3).
+    """Returns every pair of a triangle and a point inside it, with barycentric coordinates: ((n,), (n,)), (n, 3).
 
-    points : (m, 2).  triangles : (k, 3, 2).  Both are sorted into square cells as large as a typical triangle. A point
-    exactly on an edge is in neither triangle.
+    Both are sorted into square cells as large as a typical triangle. A point exactly on an edge is in neither triangle.
+
+    points : (m, 2).
+    triangles : (k, 3, 2).
     """
     low, high = triangles.min(axis=1), triangles.max(axis=1)
     cell = float(np.median(high - low)) * 1.5
@@ -186,6 +191,6 @@ def located(
 
 
 def _expanded(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Each index as often as it counts, and 0, 1, … within it."""
+    """Returns each index repeated by its count, and 0, 1, … within each repetition."""
     index = np.repeat(np.arange(counts.size), counts)
     return index, np.arange(index.size) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -1,7 +1,7 @@
-"""What is asked for: a photograph in wide screen, a portrait that fills the view, and ramps of grey and colour.
+"""The test pictures: a photograph in wide screen, a portrait that fills the view, and ramps of grey and colour.
 
-They hold nothing finer than a projector's pixel (of 1.6 camera pixels): what no projector could show would be most of
-every error, and hide the rest.
+The pictures have no detail finer than a projector pixel (1.6 camera pixels). Such detail, which no projector can show,
+would dominate every error and hide the rest.
 """
 
 from collections.abc import Callable
@@ -16,13 +16,16 @@ from skimage import data
 from tests.rig.rays import FloatArray
 
 Srgb = NDArray[np.uint8]
-SOFT = 2.5  # σ in camera pixels
-FADE = 0.13  # of its height
+SOFT = 2.5  # σ, camera pixels
+FADE = 0.13  # share of the picture's height
 
 
 @dataclass(frozen=True)
 class Picture:
-    """srgb : (height, width, 3), as large as it is to stand in the camera's view, so that nobody has to resample it."""
+    """A picture.
+
+    srgb : (height, width, 3), at its size in the camera's view, so that no resampling is needed.
+    """
 
     name: str
     srgb: Srgb
@@ -33,7 +36,7 @@ class Picture:
         return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
 
     def placed(self, view: tuple[int, int]) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Fitted into the middle of a view: linear, (height, width, 3), 0 beside it, and where it stands."""
+        """Returns the linear picture in the middle of a view, (height, width, 3), 0 outside, and its mask."""
         height, width = self.srgb.shape[:2]
         top, left = (view[0] - height) // 2, (view[1] - width) // 2
         whole, inside = np.zeros((*view, 3)), np.zeros(view, np.bool_)
@@ -46,7 +49,7 @@ class Picture:
 
 
 def coffee(view: tuple[int, int]) -> Picture:
-    """A cup on a wooden table, 16:9, which fades out upwards and downwards: there the view is to stay dark."""
+    """Returns a cup on a wooden table, 16:9, faded out upwards and downwards, where the view must stay dark."""
     whole = data.coffee()
     height = whole.shape[1] * 9 // 16
     top = (whole.shape[0] - height) // 2
@@ -57,14 +60,14 @@ def coffee(view: tuple[int, int]) -> Picture:
 
 
 def astronaut(view: tuple[int, int]) -> Picture:
-    """A face, orange cloth, black and white; as wide as the view."""
+    """Returns a face, orange cloth, black and white; as wide as the view."""
     whole = data.astronaut()
     height = round(whole.shape[1] * view[0] / view[1])
     return _soft("astronaut", _resized(whole[:height], view))
 
 
 def ramps(view: tuple[int, int]) -> Picture:
-    """All hues from pale to saturated, darkening downwards, over a grey ramp from black to white."""
+    """Returns all hues from pale to saturated, darker downwards, over a grey ramp from black to white."""
     height, width = view
     x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
     hue = np.clip(np.abs((6 * x[..., None] + (0, 4, 2)) % 6 - 3) - 1, 0, 1)

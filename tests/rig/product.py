@@ -1,6 +1,6 @@
-"""The product as its user meets it: documented commands in processes of their own, folders and pictures between them.
+"""The product as its user meets it: documented commands in separate processes, with folders and pictures between them.
 
-Every call of a command is here.
+This module contains every call of a command.
 """
 
 import json
@@ -25,7 +25,8 @@ WHITE = re.compile(r"white is a camera radiance of ([\d.e+-]+)")
 class Shown:
     """A picture as the product would show it.
 
-    codes : (height, width, 3), what goes over the cable.  white : radiance of a white picture.
+    codes : (height, width, 3), sent to the projector.
+    white : radiance of a white picture.
     """
 
     codes: NDArray[np.uint8]
@@ -33,38 +34,41 @@ class Shown:
 
 
 def acquire(rig: Rig, folder: Path, *options: str, seed: int = 0) -> str:
-    """Make the calibration `folder`/room with the rig's camera; returns what the command says.
+    """Make the calibration `folder`/room with the rig's camera; returns the command's output.
 
-    While the command waits for the captures of a level, the rig photographs the patterns that it has written.
+    While the command waits for the captures of a level, the rig photographs the patterns that the command has written.
     """
     exchange, room = folder / "exchange", folder / "room"
     return _photographed(rig, exchange, seed, folder / "acquire.log", "acquire", "-o", room, *options)
 
 
 def check(rig: Rig, folder: Path, *options: str, seed: int = 1) -> str:
-    """One check of the room as it is now, with the rig's camera; returns what the command says."""
+    """Check the room in its present state with the rig's camera; returns the command's output."""
     exchange, room = folder / "check", folder / "room"
     return _photographed(rig, exchange, seed, folder / "check.log", "verify", room, *options)
 
 
 def forget(folder: Path) -> None:
-    """What a check has found is no longer undone."""
+    """Remove the drift that a check has found."""
     shutil.rmtree(folder / "room" / "drift", ignore_errors=True)
 
 
 def write_response(path: Path, table: list[list[float]]) -> Path:
-    """A projector's measured curve, for --response."""
+    """Write a projector's measured curve, for --response."""
     path.write_text(f"response = {json.dumps(table)}\n")
     return path
 
 
 def build(folder: Path, colour: str = "") -> str:
-    """colour : for --colour; the default if empty."""
+    """Build the room.
+
+    colour : for --colour; the default if empty.
+    """
     return succeed("build", folder / "room", *(("--colour", colour) if colour else ()))
 
 
 def show(folder: Path, picture: Path, *options: str) -> Shown:
-    """`picture` through the room's correction, as eight bits."""
+    """Show `picture` through the room's correction, in eight bits."""
     drive = folder / "drive.png"
     said = succeed("play", folder / "room", picture, "--no-config", "--output", drive, *options)
     found = WHITE.search(said)
@@ -75,17 +79,17 @@ def show(folder: Path, picture: Path, *options: str) -> Shown:
 
 
 def show_plain(folder: Path, picture: Path) -> Shown:
-    """As any player would show it."""
+    """Show a picture as any player would."""
     return show(folder, picture, "--no-compensation")
 
 
 def refining(steps: int) -> tuple[str, ...]:
-    """The options for so many steps of refinement."""
+    """Returns the options for `steps` steps of refinement."""
     return "--refine", str(steps)
 
 
 def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *words: object) -> str:
-    """Run a command, and photograph what it has written while it waits for the captures of a level."""
+    """Run a command, and photograph its new patterns while it waits for the captures of a level."""
     height, width = rig.raster
     camera = "--camera", f"folder:{exchange}", "--projector", f"{width}x{height}", "--wait", WAIT_S
     with log.open("w") as errors, running(*verb(name), *words, *camera, errors=errors.fileno()) as process:
@@ -99,7 +103,7 @@ def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *wo
 
 
 def _photograph_new(rig: Rig, exchange: Path, seed: int) -> None:
-    """Photograph the patterns that have no capture yet. Captures appear whole: nobody reads half of one."""
+    """Photograph patterns without a capture. Captures are renamed into place, so that no process reads half a file."""
     for path in sorted((exchange / "patterns").glob("[0-9]*.png")):
         target = exchange / "captures" / path.name
         if target.exists():

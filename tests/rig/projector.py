@@ -1,4 +1,4 @@
-"""What a projector makes of code values: a curve for each channel, a black that shines, perhaps a white segment."""
+"""A projector's conversion of code values to light: a curve per channel, a black level, perhaps a white segment."""
 
 from dataclasses import dataclass
 
@@ -12,10 +12,12 @@ FINE_CODES = np.arange(256) / 255
 
 @dataclass(frozen=True)
 class Projector:
-    """gammas : of red, green and blue; none: sRGB's curve.  black : light at code 0, a share of full drive.
+    """A projector.
 
-    white_segment : w; codes of which the darkest gives m show w m² of white beside what they say (0: no segment). Full
-    white is then 1 + w.  lamp : what age and warmth leave of the light.
+    gammas : of red, green and blue; None: sRGB's curve.
+    black : light at code 0, a share of full drive.
+    white_segment : w. Codes whose darkest channel gives m show w m² more white; full white is 1 + w. 0: no segment.
+    lamp : remaining share of the light of a new lamp.
     """
 
     gammas: tuple[float, float, float] | None = (2.1, 2.2, 2.35)
@@ -24,13 +26,13 @@ class Projector:
     lamp: float = 1.0
 
     def curve(self, codes: FloatArray) -> FloatArray:
-        """Light above black of codes 0..1, white being 1: the last axis is the channel."""
+        """Returns light above black for codes 0..1, relative to white; the last axis is the channel."""
         if self.gammas is None:
             return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
         return np.asarray(codes ** np.asarray(self.gammas))
 
     def light(self, codes: NDArray[np.uint8]) -> FloatArray:
-        """Drive of each primary: (height, width, 3) codes -> (projector pixels, 3)."""
+        """Returns the drive of each primary: (height, width, 3) codes -> (projector pixels, 3)."""
         shown = self.curve(codes.reshape(-1, 3) / 255.0)
         shown = shown + self.white_segment * shown.min(axis=1, keepdims=True) ** 2
         return np.asarray(self.lamp * (self.black + (1 - self.black) * shown))
@@ -41,9 +43,9 @@ class Projector:
         return self.lamp * (self.black + (1 - self.black) * (1 + self.white_segment))
 
     def nearest_codes(self, light: FloatArray, raster: tuple[int, int]) -> NDArray[np.uint8]:
-        """The codes whose light is nearest: (projector pixels, 3) -> (height, width, 3).
+        """Returns the codes with the nearest light: (projector pixels, 3) -> (height, width, 3).
 
-        Under a white segment codes of which the darkest gives m show w m² more: the darkest light is m + w m².
+        With a white segment, codes whose darkest channel gives m show w m² more, so the darkest light is m + w m².
         """
         if self.white_segment:
             lowest = light.min(axis=1, keepdims=True) / self.lamp - self.black
@@ -56,5 +58,5 @@ class Projector:
         return np.stack(codes, axis=1).astype(np.uint8).reshape(*raster, 3)
 
     def response_table(self) -> list[list[float]]:
-        """The curve at every code, as a measurement would give it: 256 rows of red, green and blue."""
+        """Returns the curve at every code, as a measurement would give it: 256 rows of red, green and blue."""
         return [[float(value) for value in row] for row in self.curve(np.repeat(FINE_CODES[:, None], 3, axis=1))]

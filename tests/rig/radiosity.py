@@ -1,8 +1,8 @@
 """Light between matt surfaces: form factors by contour integrals, and all bounces at once.
 
 The form factor from a point with normal n to a polygon is exact (Lambert 1760): F = 1/2π Σ θ_i n·(r_i × r_{i+1})/|…|,
-so that the factors of a closed room sum to 1. With R the patches' reflectance and E their direct irradiance, light that
-has bounced arrives as H = F R (E + H), that is H = (I − F R)⁻¹ F R E.
+so that the factors of a closed room sum to 1. With R the patches' reflectance and E their direct irradiance, bounced
+light arrives as H = F R (E + H), that is H = (I − F R)⁻¹ F R E.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,15 @@ from scipy import sparse
 
 from tests.rig.rays import FloatArray, Rectangle
 
-SUBPOINTS = 3  # a side: where a patch receives
+SUBPOINTS = 3  # receiving points per side of a patch
 
 
 @dataclass(frozen=True)
 class Patches:
-    """A grid of cells on a rectangle. grid : (rows, columns)."""
+    """A grid of cells on a rectangle.
+
+    grid : (rows, columns).
+    """
 
     rectangle: Rectangle
     grid: tuple[int, int]
@@ -27,7 +30,7 @@ class Patches:
         return self.grid[0] * self.grid[1]
 
     def points(self, side: int) -> FloatArray:
-        """(patches, side², 2) shares of the rectangle's sides, evenly within each patch."""
+        """Returns (patches, side², 2), shares of the rectangle's sides, evenly spread within each patch."""
         rows, columns = self.grid
         within = (np.arange(side) + 0.5) / side
         b, a = np.meshgrid(*(((np.arange(n)[:, None] + within).ravel() / n) for n in (rows, columns)), indexing="ij")
@@ -35,14 +38,14 @@ class Patches:
         return shares.transpose(0, 2, 1, 3, 4).reshape(self.count, side * side, 2)
 
     def outlines(self) -> FloatArray:
-        """(patches, 4, 3) corners in order."""
+        """Returns (patches, 4, 3), corners in order."""
         rows, columns = self.grid
         b, a = (index.ravel() for index in np.indices(self.grid))
         corners = [np.stack([(a + i) / columns, (b + j) / rows], axis=1) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
         return np.stack([self.rectangle.point(corner) for corner in corners], axis=1)
 
     def interpolation(self, shares: FloatArray) -> sparse.csr_array:
-        """(points, patches): between the four nearest patches' middles, level at the rim."""
+        """Returns (points, patches): interpolation between the four nearest patches' middles, constant at the rim."""
         rows, columns = self.grid
         axes = []
         for share, cells in ((shares[:, 0], columns), (shares[:, 1], rows)):
@@ -63,9 +66,10 @@ class Patches:
 
 
 def point_factors(points: FloatArray, normals: FloatArray, outlines: FloatArray) -> FloatArray:
-    """F from points to polygons that lie wholly above their horizons: (points, polygons).
+    """Returns F from points to polygons that lie wholly above their horizons: (points, polygons).
 
-    points, normals : (n, 3).  outlines : (m, corners, 3).
+    points, normals : (n, 3).
+    outlines : (m, corners, 3).
     """
     towards = outlines[None] - points[:, None, None]
     lengths = np.linalg.norm(towards, axis=-1, keepdims=True)
@@ -79,7 +83,7 @@ def point_factors(points: FloatArray, normals: FloatArray, outlines: FloatArray)
 
 
 def form_factors(surfaces: list[Patches]) -> FloatArray:
-    """(patches, patches) of all surfaces in turn; within a plane 0. Nothing stands between them (a convex room)."""
+    """Returns (patches, patches) of all surfaces in turn; 0 within a plane. Nothing may occlude (a convex room)."""
     rows = []
     for receiver in surfaces:
         shares = receiver.points(SUBPOINTS)
@@ -97,6 +101,6 @@ def form_factors(surfaces: list[Patches]) -> FloatArray:
 
 
 def bounced(factors: FloatArray, reflectance: FloatArray) -> FloatArray:
-    """H for a unit of direct irradiance on each patch, after any number of bounces: (patches, patches)."""
+    """Returns H for a unit of direct irradiance on each patch, after any number of bounces: (patches, patches)."""
     once = factors * reflectance
     return np.asarray(np.linalg.solve(np.eye(len(factors)) - once, once))

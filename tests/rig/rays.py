@@ -1,4 +1,4 @@
-"""Straight rays: devices that see or throw through one point, rectangles that they meet."""
+"""Straight rays: devices that see or project through one point, and the rectangles that rays meet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,15 +9,18 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-CLOSE = 1e-6  # of a segment: its ends lie on surfaces
+CLOSE = 1e-6  # fraction of a segment near its ends, which lie on surfaces
 
 
 @dataclass(frozen=True)
 class Pinhole:
     """A camera's or a projector's geometry; x to the right, y down, z away from the first camera, metres.
 
-    axes : (3, 3), rows right, down, forward.  focal : in pixels.  size : (height, width).
     Pixel coordinates (u, v) run from 0 to width and height; pixel j covers j to j + 1.
+
+    axes : (3, 3). Rows right, down, forward.
+    focal : pixels.
+    size : (height, width).
     """
 
     position: FloatArray
@@ -26,30 +29,30 @@ class Pinhole:
     size: tuple[int, int]
 
     def directions(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Unit vectors through pixel coordinates: (…, 3)."""
+        """Returns unit vectors through pixel coordinates: (…, 3)."""
         height, width = self.size
         local = np.stack([(u - width / 2) / self.focal, (v - height / 2) / self.focal, np.ones_like(u)], axis=-1)
         local /= np.linalg.norm(local, axis=-1, keepdims=True)
         return np.asarray(local @ self.axes)
 
     def local(self, points: FloatArray) -> FloatArray:
-        """Right, down and forward of the device: (…, 3), metres."""
+        """Returns points as right, down and forward of the device: (…, 3), metres."""
         return np.asarray((points - self.position) @ self.axes.T)
 
     def pixels(self, local: FloatArray) -> FloatArray:
-        """(u, v) of local points: (…, 2)."""
+        """Returns (u, v) of local points: (…, 2)."""
         height, width = self.size
         return np.asarray(local[..., :2] / local[..., 2:] * self.focal + (width / 2, height / 2))
 
     def solid_angle(self, uv: FloatArray) -> FloatArray:
-        """Of one pixel there, steradian: cos³θ / focal²."""
+        """Returns the solid angle of one pixel at `uv`, steradian: cos³θ / focal²."""
         height, width = self.size
         squared = np.sum((uv - (width / 2, height / 2)) ** 2, axis=-1) / self.focal**2
         return np.asarray((1 + squared) ** -1.5 / self.focal**2)
 
 
 def looking(position: Sequence[float], target: Sequence[float], focal: float, size: tuple[int, int]) -> Pinhole:
-    """A device at `position` whose axis passes through `target`, upright."""
+    """Returns an upright device at `position` whose axis passes through `target`."""
     start = np.asarray(position, np.float64)
     forward = _unit(np.asarray(target) - start)
     right = _unit(np.cross([0.0, 1.0, 0.0], forward))
@@ -69,16 +72,16 @@ class Rectangle:
         return _unit(np.cross(self.across, self.down))
 
     def point(self, shares: FloatArray) -> FloatArray:
-        """(…, 2) shares of the sides -> (…, 3)."""
+        """Returns points (…, 3) from shares (…, 2) of the sides."""
         return np.asarray(self.corner + shares[..., :1] * self.across + shares[..., 1:] * self.down)
 
     def shares(self, points: FloatArray) -> FloatArray:
-        """(…, 3) in its plane -> (…, 2) shares of the sides."""
+        """Returns shares (…, 2) of the sides from points (…, 3) in the plane."""
         sides = np.stack([self.across / (self.across @ self.across), self.down / (self.down @ self.down)])
         return np.asarray((points - self.corner) @ sides.T)
 
     def distance(self, origins: FloatArray, directions: FloatArray) -> FloatArray:
-        """Along the rays to the plane; infinite where it is behind or parallel: (n,)."""
+        """Returns distances along rays to the plane, (n,); infinite for a plane behind or parallel."""
         against = directions @ self.normal
         along = (self.corner - origins) @ self.normal
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -86,7 +89,7 @@ class Rectangle:
         return np.where((t > 0) & (np.abs(against) > 1e-12), t, np.inf)
 
     def meet(self, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distance (infinite where it misses) and shares of the sides there."""
+        """Returns the distance (infinite for a miss) and the shares of the sides there."""
         t = self.distance(origins, directions)
         reached = np.where(np.isfinite(t), t, 0)
         shares = self.shares(origins + reached[:, None] * directions)
@@ -94,7 +97,7 @@ class Rectangle:
         return np.where(inside, t, np.inf), shares
 
     def blocks(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
-        """Whether it stands between two points: (n,)."""
+        """Returns whether the rectangle stands between two points: (n,)."""
         t, _ = self.meet(np.broadcast_to(starts, ends.shape), ends - starts)
         return np.asarray((t > CLOSE) & (t < 1 - CLOSE))
 
@@ -102,7 +105,7 @@ class Rectangle:
 def nearest(
     rectangles: Sequence[Rectangle], origins: FloatArray, directions: FloatArray
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Which rectangle each ray meets first (−1: none), and the shares of its sides there."""
+    """Returns the rectangle that each ray meets first (−1: none), and the shares of its sides there."""
     found, reach, where = np.full(len(origins), -1), np.full(len(origins), np.inf), np.zeros((len(origins), 2))
     for index, rectangle in enumerate(rectangles):
         t, shares = rectangle.meet(origins, directions)

@@ -13,16 +13,18 @@ from tests.rig.rooms import Room
 from tests.rig.sensor import Sensor
 from tests.rig.view import Shift, Transport, Truth, View
 
-EXPOSED = 0.9  # of full scale, by the brightest pixel of the floodlit room
-PAPER = 0.9  # reflectance of the paper whose floodlit light the room's light is a share of
+EXPOSED = 0.9  # share of full scale, for the brightest pixel of the floodlit room
+PAPER = 0.9  # reflectance of the paper whose floodlit light is the unit of the room's light
 
 
 @dataclass(frozen=True)
 class Devices:
-    """What stands in a room, and how it stands there now.
+    """The devices in a room, in their present state.
 
-    light : of LIGHTS.  room_light : a share of a floodlit white's.  shift : of the projector's picture, in its pixels.
-    camera_moved : by samples, quarters of a pixel, right and down.
+    light : one of LIGHTS.
+    room_light : a share of a floodlit white's light.
+    shift : of the projector's picture, projector pixels.
+    camera_moved : in samples (quarters of a pixel), right and down.
     """
 
     light: str = "separate"
@@ -34,10 +36,9 @@ class Devices:
 
 
 class Rig:
-    """A room with devices.
+    """A room with devices. Radiance is relative to the calibrated camera's full scale.
 
-    Radiance is in the calibrated camera's full scale throughout. exposure : full scale of light; None: so that the
-    floodlit room just fits, as a person would set it. A rig that has changed keeps what was set before.
+    exposure : full scale of light; None sets it so that the floodlit room just fits. A changed rig keeps its exposure.
     """
 
     def __init__(self, room: Room, devices: Devices, exposure: float | None = None) -> None:
@@ -47,7 +48,7 @@ class Rig:
         self.exposure = exposure if exposure is not None else self._set_exposure()
 
     def after(self, devices: Devices) -> "Rig":
-        """The same rig with devices that have changed meanwhile."""
+        """Returns the same rig with devices that have changed meanwhile."""
         return Rig(self.room, devices, self.exposure)
 
     @property
@@ -68,7 +69,7 @@ class Rig:
 
     @cached_property
     def transport(self) -> Transport:
-        """T of the calibrated camera in full scales."""
+        """T of the calibrated camera, relative to full scale."""
         return self.calibrated.transport().scaled(self.exposure)
 
     @cached_property
@@ -77,16 +78,16 @@ class Rig:
         return self.calibrated.ambient() * self._ambient_scale
 
     def seen(self, codes: NDArray[np.uint8]) -> FloatArray:
-        """What the calibrated camera gets, without noise: (height, width, 3) codes -> (camera pixels, 3)."""
+        """Returns the calibrated camera's light without noise: (height, width, 3) codes -> (camera pixels, 3)."""
         return self.transport.apply(self.devices.projector.light(codes)) + self.ambient
 
     def seen_by_audience(self, codes: NDArray[np.uint8]) -> FloatArray:
-        """(audience pixels, 3)."""
+        """Returns the audience's light, (audience pixels, 3)."""
         light = self.devices.projector.light(codes)
         return self.exposure * self.audience.rise(light) + self._ambient_scale * self.audience.ambient()
 
     def photograph(self, codes: NDArray[np.uint8], *seed: int) -> NDArray[np.uint16]:
-        """A capture of the calibrated camera as it is stored: (camera height, camera width, 3), 16 bits."""
+        """Returns a stored capture of the calibrated camera: (camera height, camera width, 3), 16 bits."""
         moved = self.devices.camera_moved
         seen = self.seen(codes) if moved == (0, 0) else self._seen_from_elsewhere(codes)
         rng = np.random.default_rng(seed)

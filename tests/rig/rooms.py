@@ -1,7 +1,7 @@
-"""Four rooms: a wall, a corner, a wall behind glass, and two planes of which one is out of focus.
+"""Four rooms: a wall, a corner, a wall behind glass, and two planes, one of them out of focus.
 
-Metres, the camera at the origin looking along z. The projector's raster leaves part of the camera's view dark, reaches
-beyond its edge, and in part falls beside every object.
+Units are metres, with the camera at the origin looking along z. The projector's raster leaves part of the camera's view
+dark, reaches beyond its edge, and partly misses every object.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,13 +18,16 @@ from tests.rig.rays import FloatArray, Pinhole, Rectangle, looking, nearest
 from tests.rig.texture import Paint, Painter, lined, painted_grey, painted_red, plaster, sampled, wallpaper
 
 CAMERA, PROJECTOR = (120, 160), (72, 96)
-CAMERA_FOCAL, PROJECTOR_FOCAL = 1.374, 1.40  # in widths of the picture: 40° and 39°
-PATCH_SAMPLES = 16  # points along a patch's side where its direct light is taken
+CAMERA_FOCAL, PROJECTOR_FOCAL = 1.374, 1.40  # widths of the picture: 40° and 39°
+PATCH_SAMPLES = 16  # points per side of a patch at which direct light is sampled
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A painted rectangle. grid : (rows, columns) of its patches, None where it lights no other."""
+    """A painted rectangle.
+
+    grid : (rows, columns) of its patches; None if it lights no other surface.
+    """
 
     rectangle: Rectangle
     paint: Paint
@@ -35,8 +38,11 @@ class Surface:
 class Bounces:
     """Light between surfaces.
 
-    hits : direct light on the sub-points of patches.  gather : (patches, sub-points), their means.  factors : F.
-    paint : (patches, pigments), means.  scatter : (samples, patches), where the camera sees it.
+    hits : direct light on the sub-points of patches.
+    gather : (patches, sub-points). Means of the sub-points.
+    factors : F.
+    paint : (patches, pigments). Means of the paint.
+    scatter : (samples, patches). Interpolation of patches at the camera's samples.
     """
 
     hits: Hits
@@ -48,10 +54,10 @@ class Bounces:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """What geometry alone says: of every sample of the lattice its paint and its light.
+    """Geometry of a room: paint and light of every sample of the lattice.
 
-    paint : (samples, pigments), with what a pane lets through; 0 where a ray meets nothing.  raster : the projector's
-    (height, width).
+    paint : (samples, pigments), times a pane's transmission; 0 where a ray meets nothing.
+    raster : the projector's (height, width).
     """
 
     name: str
@@ -63,7 +69,7 @@ class Room:
 
 
 def wall(scale: float = 1.0) -> Room:
-    """Wallpaper with dark ink, a little askew."""
+    """Wallpaper with dark ink, slightly askew."""
     build = _Build("wall", scale, (-0.55, -0.25, 0.1), (0.10, 0.04, 2.2))
     upright = _upright((-1.2, -0.9, 2.12), (0.86, -0.9, 2.28), 1.8)
     return build.room([build.surface(upright, wallpaper, 2.2)])
@@ -84,7 +90,7 @@ def corner(scale: float = 1.0) -> Room:
 
 
 def glass(scale: float = 1.0) -> Room:
-    """Plaster behind a bumpy pane, which bends the projector's rays and the camera's, each elsewhere."""
+    """Plaster behind a bumpy pane that bends the projector's rays and the camera's rays differently."""
     build = _Build("glass", scale, (-0.55, -0.25, 0.1), (0.10, 0.04, 2.3))
     rng = np.random.default_rng(1)
     length, angle = rng.uniform(0.16, 0.35, 6), rng.uniform(0, np.pi, 6)
@@ -97,12 +103,12 @@ def glass(scale: float = 1.0) -> Room:
 
 
 def defocus(scale: float = 1.0) -> Room:
-    """A near plane in focus and a far one out of focus by a disc of two projector pixels' radius."""
+    """A near plane in focus and a far plane out of focus by a disc of two projector pixels' radius."""
     build = _Build("defocus", scale, (0.5, -0.25, 0.0), (0.08, 0.04, 2.2))
     near = _upright((-1.1, -0.9, 2.05), (0.02, -0.9, 2.0), 1.8)
     far = _upright((-0.3, -1.1, 2.6), (1.1, -1.1, 2.65), 2.2)
     focused, blurred = 2.02, 2.63
-    pixels = PROJECTOR_FOCAL * PROJECTOR[1]  # a radius in pixels of the full size, whatever the scale
+    pixels = PROJECTOR_FOCAL * PROJECTOR[1]  # the radius counts pixels of the full size at every scale
     aperture = Aperture(2.0 / (pixels * (1 / focused - 1 / blurred)), focused, 13)
     return build.room([build.surface(near, plaster, 2.0), build.surface(far, lined, 2.6)], aperture)
 
@@ -111,7 +117,7 @@ ROOMS: dict[str, Callable[[float], Room]] = {"wall": wall, "corner": corner, "gl
 
 
 class _Build:
-    """The devices of a room, and the samples that its lattice takes."""
+    """The devices of a room, and the samples of its lattice."""
 
     def __init__(self, name: str, scale: float, position: Sequence[float], target: Sequence[float]) -> None:
         camera, raster = ((round(h * scale), round(w * scale)) for h, w in (CAMERA, PROJECTOR))
@@ -123,7 +129,10 @@ class _Build:
     def surface(
         self, rectangle: Rectangle, painter: Painter, depth: float, grid: tuple[int, int] | None = None
     ) -> Surface:
-        """Painted in texels as large as the lattice's samples are at that depth. grid : of patches, at full size."""
+        """Returns a surface painted in texels as large as the lattice's samples at that depth.
+
+        grid : of patches, at full size.
+        """
         texel = depth / self.camera.focal / SAMPLES
         rows, columns = (
             max(2, round(float(np.linalg.norm(side)) / texel)) for side in (rectangle.down, rectangle.across)
@@ -132,7 +141,7 @@ class _Build:
         return Surface(rectangle, painter((rows, columns), self._rng), cells)
 
     def room(self, surfaces: Sequence[Surface], aperture: Aperture | None = None) -> Room:
-        """Surfaces seen straight."""
+        """Returns a room of surfaces that the camera sees directly."""
         lens = aperture or Aperture()
         rectangles = [surface.rectangle for surface in surfaces]
         directions = self.camera.directions(*self.lattice.positions())
@@ -147,7 +156,7 @@ class _Build:
         return Room(self.name, self.lattice, self.raster, paint, joined(hits), bounces)
 
     def behind(self, pane: Pane, surface: Surface) -> Room:
-        """A surface across z seen and lit through a pane."""
+        """Returns a room with a surface across z, seen and lit through a pane."""
         rectangle = surface.rectangle
         directions = self.camera.directions(*self.lattice.positions())
         at, leaving, share = pane.through(np.broadcast_to(self.camera.position, directions.shape), directions)
@@ -204,6 +213,6 @@ class _Build:
 
 
 def _upright(start: Sequence[float], end: Sequence[float], height: float) -> Rectangle:
-    """A wall from one upper corner to another."""
+    """Returns a wall between two upper corners."""
     first = np.asarray(start, np.float64)
     return Rectangle(first, np.asarray(end) - first, np.array([0.0, height, 0.0]))

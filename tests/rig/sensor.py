@@ -12,16 +12,20 @@ STORED_BITS = 16
 
 @dataclass(frozen=True)
 class Sensor:
-    """Linear. full_well : electrons at full scale; 0 is a sensor without noise.  read_noise : electrons."""
+    """A linear sensor.
+
+    full_well : electrons at full scale; 0 is a sensor without noise.
+    read_noise : electrons.
+    """
 
     bits: int = 14
     full_well: float = 20000.0
     read_noise: float = 5.0
 
     def codes(self, radiance: FloatArray, weakness: FloatArray, rng: np.random.Generator) -> NDArray[np.uint16]:
-        """What is stored of radiance, full scale being 1: (…, 3), in the upper bits of 16.
+        """Returns stored codes (…, 3) of radiance relative to full scale, in the upper bits of 16.
 
-        weakness : (3,), by how much each channel is amplified: so many times fewer electrons for the same code.
+        weakness : (3,). Gain of each channel; a channel with gain g has g times fewer electrons for the same code.
         """
         seen = np.asarray(radiance, np.float64)
         if self.full_well:

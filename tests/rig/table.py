@@ -1,4 +1,4 @@
-"""Rooms × faults as a table, and every picture's figures as CSV."""
+"""Rooms × faults as a table, and the figures of every picture as CSV."""
 
 import csv
 import io
@@ -25,7 +25,7 @@ BY_STEPS = {"dB": "psnr_{}", "everywhere": "everywhere_{}", "flare, %": "flare_{
 
 
 def rows(verdicts: Sequence[Verdict]) -> list[dict[str, str]]:
-    """A row for each room, fault and colour that a build was told: means over its pictures."""
+    """Returns a row per room, fault and colour option of the build: means over its pictures."""
     of = attrgetter("room", "fault", "colour")
     return [_row([each for each in verdicts if of(each) == key]) for key in dict.fromkeys(map(of, verdicts))]
 
@@ -53,7 +53,7 @@ def _series(verdict: Verdict, figures: Mapping[str, float], what: str) -> str:
 
 
 def markdown(verdicts: Sequence[Verdict]) -> str:
-    """The table, in columns that line up."""
+    """Returns the table, with aligned columns."""
     table = rows(verdicts)
     head = list(table[0])
     widths = [max(len(name), *(len(row[name]) for row in table)) for name in head]
@@ -63,7 +63,7 @@ def markdown(verdicts: Sequence[Verdict]) -> str:
 
 
 def text_of_csv(verdicts: Sequence[Verdict]) -> str:
-    """One line a room, fault and picture; decibels, ΔE2000, and shares of white."""
+    """Returns one line per room, fault and picture; decibels, ΔE2000, and shares of white."""
     fields = [
         _named(verdict)
         | {"picture": verdict.picture}
@@ -71,14 +71,15 @@ def text_of_csv(verdicts: Sequence[Verdict]) -> str:
         for verdict in verdicts
     ]
     content = io.StringIO()
-    writer = csv.DictWriter(content, max(fields, key=len), lineterminator="\n")  # one picture was shown more often
+    # the picture with most fields was shown with several step counts
+    writer = csv.DictWriter(content, max(fields, key=len), lineterminator="\n")
     writer.writeheader()
     writer.writerows(fields)
     return content.getvalue()
 
 
 def _figures(verdict: Verdict) -> dict[str, float]:
-    """All numbers of a verdict by name."""
+    """Returns all numbers of a verdict by name."""
     found = {"below": verdict.distance}
     parts: tuple[tuple[str, Figures], ...] = ("product", verdict.product), ("optimum", verdict.optimum)
     parts += (("checked", verdict.checked),) if verdict.checked is not None else ()

@@ -1,7 +1,7 @@
-"""What surfaces are painted with: shares of pigments, in texels of a quarter of a camera pixel, drawn with OpenCV.
+"""Paints of surfaces: shares of pigments, in texels of a quarter of a camera pixel, drawn with OpenCV.
 
-Every painter gives (rows, columns, pigments), shares that sum to 1; the fine grain differs from texel to texel, so that
-no camera pixel is of one reflectance.
+Every painter returns (rows, columns, pigments), shares that sum to 1. The fine grain differs from texel to texel, so
+that no camera pixel has a single reflectance.
 """
 
 from collections.abc import Callable
@@ -16,14 +16,14 @@ from tests.rig.rays import FloatArray
 Paint = NDArray[np.float32]
 Painter = Callable[[tuple[int, int], np.random.Generator], Paint]
 
-GRAIN = 0.25  # most of a texel's paper that is grey
+GRAIN = 0.25  # largest grey share of a texel's paper
 PENCIL = 0.15
 BLOTS = (
     (0.45, 0.35, 0.045),
     (0.6, 0.62, 0.03),
     (0.72, 0.4, 0.022),
     (0.38, 0.7, 0.022),
-)  # middle and radius, of the sides
+)  # middle and radius, as shares of the sides
 
 
 def wallpaper(size: tuple[int, int], rng: np.random.Generator) -> Paint:
@@ -47,14 +47,14 @@ def plaster(size: tuple[int, int], rng: np.random.Generator) -> Paint:
 
 
 def painted_red(size: tuple[int, int], rng: np.random.Generator) -> Paint:
-    """Plaster, half of it red paint, lighter towards the top."""
+    """Paper with grain, half covered by red paint, lighter towards the top."""
     paint = _paper(size, rng)
     _cover(paint, RED, np.linspace(0.35, 0.65, size[0])[:, None] * np.ones(size[1]))
     return paint
 
 
 def painted_grey(size: tuple[int, int], rng: np.random.Generator) -> Paint:
-    """Plaster, a third of it grey paint."""
+    """Plaster, a third of it covered by grey paint."""
     paint = plaster(size, rng)
     _cover(paint, GREY, np.full(size, 0.35))
     return paint
@@ -76,7 +76,10 @@ def _paper(size: tuple[int, int], rng: np.random.Generator) -> Paint:
 
 
 def _cover(paint: Paint, pigment: int, share: FloatArray) -> None:
-    """Paint over what is there. share : broadcast to (rows, columns), 0..1."""
+    """Paint over the existing paint.
+
+    share : 0..1, broadcast to (rows, columns).
+    """
     covered = np.broadcast_to(share, paint.shape[:2])[..., None].astype(np.float32)
     paint *= 1 - covered
     paint[..., pigment] += covered[..., 0]
@@ -89,7 +92,7 @@ def _clouds(size: tuple[int, int], cells: int, rng: np.random.Generator) -> Floa
 
 
 def _draw_lines(paint: Paint, count: int) -> None:
-    """Slanting, one texel wide."""
+    """Draw slanting lines, one texel wide."""
     height, width = paint.shape[:2]
     page = np.zeros((height, width), np.uint8)
     for row in np.linspace(0, height, count, endpoint=False).astype(int):
@@ -98,7 +101,7 @@ def _draw_lines(paint: Paint, count: int) -> None:
 
 
 def _spill(paint: Paint) -> None:
-    """Ink that has soaked into the paper: black cores of some camera pixels, fading over a few more."""
+    """Draw blots of ink: black cores of some camera pixels that fade over a few more."""
     height, width = paint.shape[:2]
     y, x = np.indices((height, width)) * (1 / height)
     for left, top, radius in BLOTS:
@@ -107,7 +110,7 @@ def _spill(paint: Paint) -> None:
 
 
 def sampled(paint: Paint, shares: FloatArray) -> Paint:
-    """The paint at (n, 2) shares of the surface's sides, between the nearest four texels: (n, pigments)."""
+    """Returns the paint (n, pigments) at (n, 2) shares of the surface's sides, by bilinear interpolation."""
     height, width = paint.shape[:2]
     x = np.clip(shares[:, 0] * width - 0.5, 0, width - 1)
     y = np.clip(shares[:, 1] * height - 0.5, 0, height - 1)

@@ -17,20 +17,20 @@ from tests.rig.pictures import PICTURES, Picture
 from tests.rig.rig import Rig
 from tests.rig.rooms import Room
 
-TOLERANCE = 0.01  # of the optimum's squared error: 0.04 dB
-AMPLIFIED = 8  # errors in a sheet
-SWEPT = "astronaut"  # the picture that is shown after various steps: bright to the raster's border
+TOLERANCE = 0.01  # share of the optimum's squared error: 0.04 dB
+AMPLIFIED = 8  # factor of the errors in a sheet
+SWEPT = "astronaut"  # picture for several step counts: bright up to the raster's border
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Of one picture.
+    """The figures of one picture.
 
-    checked : as product, after one check of the room, where something has changed since the acquisition.
-    colour : what the build was told to take for the primaries' mixing; empty if nothing.
-    product, optimum : of what is shown, 8-bit codes both.  beside, plain_beside : light outside the picture, the
-    product's and that of the picture as any player would show it.  by_steps, beside_by_steps : the same
-    after so many steps of refinement, of one picture.
+    product, optimum : figures of the product's picture and of the best picture, both in 8-bit codes.
+    beside, plain_beside : light outside the picture, of the product and of the uncompensated picture.
+    by_steps, beside_by_steps : the same by the number of refinement steps, for one picture.
+    checked : the product's figures after one check of the room, if something has changed since the acquisition.
+    colour : --colour of the build; empty for the default.
     """
 
     room: str
@@ -59,9 +59,10 @@ def trial(
     sheets: Path | None,
     colours: Sequence[str] = ("",),
 ) -> Iterator[Verdict]:
-    """Faults that share a calibration, and all pictures; `folder` is filled.
+    """Try faults that share a calibration on all pictures; fills `folder`.
 
-    sheets : where pictures are drawn.  colours : the calibration is built with each of them.
+    sheets : folder for sheets of pictures; None for none.
+    colours : the calibration is built with each of them.
     """
     rig = Rig(room, faults[0].devices)
     product.acquire(rig, folder, *given(faults[0], folder))
@@ -74,7 +75,7 @@ def trial(
 def _judged(
     rig: Rig, faults: Sequence[Fault], folder: Path, steps: Sequence[int], sheets: Path | None
 ) -> Iterator[Verdict]:
-    """Of a room as it was built."""
+    """Yield the verdicts of a room as it was built."""
     if sheets is not None:
         sheets.mkdir(parents=True, exist_ok=True)
     for fault in faults:
@@ -94,7 +95,7 @@ def _judged(
 def _after_a_check(
     judge: Judge, pictures: Sequence[Picture], verdicts: Sequence[Verdict], folder: Path
 ) -> Iterator[Verdict]:
-    """The verdicts, and how the product does once it has looked at the room as it is now."""
+    """Yield the verdicts, with the product's figures after a check of the room in its present state."""
     product.check(judge.rig, folder)
     for picture, verdict in zip(pictures, verdicts, strict=True):
         path = folder / f"{picture.name}.png"
@@ -112,7 +113,7 @@ def given(fault: Fault, folder: Path) -> tuple[str, ...]:
 
 
 class _Seen:
-    """A picture in a room: as the product shows it by default, as any player would, and as it could be at best."""
+    """A picture in a room: as the product shows it by default, as any player would, and at its best."""
 
     def __init__(self, judge: Judge, picture: Picture, folder: Path) -> None:
         self._judge, self._rig, self._picture = judge, judge.rig, picture
@@ -137,7 +138,7 @@ class _Seen:
         )
 
     def draw(self, path: Path) -> None:
-        """A sheet of what the audience sees: asked, plain, product; optimum, the product's error × 8, its drive."""
+        """Draw a sheet of the audience's view: target, plain, product; optimum, the product's error × 8, its drive."""
         wide = self._question.wide
         plain, product_, best = (
             self._rig.seen_by_audience(codes) for codes in (self._plain, self._shown.codes, self._best)

@@ -1,8 +1,8 @@
-"""The truth: what a camera sees of a projector's light in a room, c_k = Σ_l T_kl p_l + e_k.
+"""The truth: a camera's light from a projector in a room, c_k = Σ_l T_kl p_l + e_k.
 
-T = A · diag(M(s)) · (W + S G D): W the footprints on the samples, D on the patches, G all bounces between them, S where
-samples see patches, M(s) the mixing of a sample's paint, A the camera's pixels as means of samples. Light is
-(pixels, 3) throughout: (projector pixels, primary) or (camera pixels, channel).
+T = A · diag(M(s)) · (W + S G D). W is the footprints on the samples, D on the patches. G is all bounces between
+patches, and S maps patches to samples. M(s) is the mixing of a sample's paint. A takes the camera's pixels as means of
+samples. Light is (pixels, 3) throughout: (projector pixels, primary) or (camera pixels, channel).
 """
 
 from dataclasses import dataclass
@@ -25,8 +25,10 @@ Shift = tuple[float, float]
 class Indirect:
     """Light that has bounced between patches: S G D.
 
-    gather : D, (patches, projector pixels).  scatter : S, (samples, patches).  mix : G, (pigments, camera channel,
-    primary, patches, patches), Σ_λ C ρ P (I − F R_λ)⁻¹ F R_λ: it has taken on the walls' colours, and mixes otherwise.
+    gather : D, (patches, projector pixels).
+    scatter : S, (samples, patches).
+    mix : G, (pigments, camera channel, primary, patches, patches), Σ_λ C ρ P (I − F R_λ)⁻¹ F R_λ. The walls' colours
+        are part of G, so its mixing differs from direct light.
     """
 
     gather: sparse.csr_array
@@ -36,7 +38,7 @@ class Indirect:
 
 @dataclass(frozen=True)
 class Truth:
-    """A room under a light, with the projector's picture shifted by some pixels over it."""
+    """A room under a light, with the projector's picture shifted by some pixels."""
 
     room: Room
     light: Light
@@ -49,13 +51,13 @@ class Truth:
 
     @cached_property
     def unbounded(self) -> FloatArray:
-        """(samples,): direct irradiance under a raster without borders."""
+        """Direct irradiance under a raster without borders, (samples,)."""
         hits = self.room.hits
         return np.bincount(hits.sample, hits.irradiance, minlength=len(self.room.paint))
 
     @cached_property
     def mixing(self) -> FloatArray:
-        """(pigments, camera channel, primary)."""
+        """M, (pigments, camera channel, primary)."""
         return self.light.mixing(pigments())
 
     @cached_property
@@ -74,20 +76,23 @@ class Truth:
         return Indirect(sparse.csr_array(bounces.gather @ hits, dtype=np.float32), mix, bounces.scatter)
 
 
-@lru_cache(maxsize=8)  # the rooms of a table under its lights
+@lru_cache(maxsize=8)  # enough for all rooms and lights of a table
 def _direct(room: Room, shift: Shift) -> sparse.csr_array:
     return footprints(room.hits, len(room.paint), room.raster, shift)
 
 
 class View:
-    """What one camera sees of a truth. pixels : A, (camera pixels, samples)."""
+    """One camera's view of a truth.
+
+    pixels : A, (camera pixels, samples).
+    """
 
     def __init__(self, truth: Truth, pixels: sparse.csr_array) -> None:
         self._truth, self._pixels = truth, pixels
         self._paint = truth.room.paint
 
     def rise(self, drive: FloatArray) -> FloatArray:
-        """T p: (projector pixels, 3) -> (camera pixels, 3)."""
+        """Returns T p: (projector pixels, 3) -> (camera pixels, 3)."""
         drive, mixing = np.asarray(drive, np.float32), self._truth.mixing.astype(np.float32)
         seen = np.einsum("sq,qkl,sl->sk", self._paint, mixing, self._truth.direct @ drive, optimize=True)
         far = self._truth.indirect
@@ -98,17 +103,17 @@ class View:
         return np.asarray(self._pixels @ seen, np.float64)
 
     def ambient(self) -> FloatArray:
-        """The room's own light, white being 1: (camera pixels, 3)."""
+        """Returns the room's own light relative to white: (camera pixels, 3)."""
         return np.asarray(self._pixels @ (self._paint @ self._truth.light.seen(room_light(), pigments())), np.float64)
 
     def direct_rise(self) -> FloatArray:
-        """Under full drive, without what has bounced: (camera pixels, 3)."""
+        """Returns the light under full drive without bounced light: (camera pixels, 3)."""
         light = self._truth.direct.sum(axis=1)[:, None]
         white = self._paint @ self._truth.mixing.sum(axis=2)
         return np.asarray(self._pixels @ (white * light), np.float64)
 
     def transport(self) -> "Transport":
-        """T as matrices, for many products."""
+        """Returns T as matrices, for many products."""
         mixing = self._truth.mixing
         channels = mixing.transpose(1, 2, 0).astype(np.float32)  # each (primary, pigments)
         direct = self._truth.direct
@@ -116,7 +121,7 @@ class View:
         return Transport(sparse.csr_array(sparse.block_array(blocks, format="csr")), self._far_parts())
 
     def _weighted(self, colour: NDArray[np.float32]) -> sparse.csr_array:
-        """A · diag(colour), without what is 0."""
+        """Returns A · diag(colour), without zeros."""
         weighted = self._pixels.copy()
         weighted.data = weighted.data * colour[weighted.indices]
         weighted.eliminate_zeros()
@@ -154,7 +159,7 @@ class Transport:
         return tuple(sparse.csr_array(matrix.T) for matrix in matrices)
 
     def apply(self, drive: FloatArray) -> FloatArray:
-        """(projector pixels, 3) -> (camera pixels, 3)."""
+        """Returns T p: (projector pixels, 3) -> (camera pixels, 3)."""
         stacked = np.ascontiguousarray(drive.T, np.float32).ravel()
         seen = self.near @ stacked
         if self.far is not None:
@@ -163,7 +168,7 @@ class Transport:
         return np.asarray(seen.reshape(3, -1).T, np.float64)
 
     def adjoint(self, light: FloatArray) -> FloatArray:
-        """Tᵀ: (camera pixels, 3) -> (projector pixels, 3)."""
+        """Returns Tᵀ c: (camera pixels, 3) -> (projector pixels, 3)."""
         stacked = np.ascontiguousarray(light.T, np.float32).ravel()
         back = self._turned[0] @ stacked
         if self.far is not None:

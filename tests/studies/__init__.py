@@ -1,1 +1,1 @@
-"""Studies that fill the tables of docs/: python -m tests.studies.NAME. Nothing here decides a test."""
+"""Studies that fill the tables of docs/: python -m tests.studies.NAME. No test depends on them."""

@@ -1,13 +1,12 @@
-"""What each scheme of acquisition costs and gives: python -m tests.studies.acquisition.
+"""Cost and quality of each acquisition scheme: python -m tests.studies.acquisition.
 
-Fills docs/acquisition.csv, prints it as the table of docs/acquisition.md and draws docs/acquisition.png. Rows that are
-there are kept (`--again` measures them, and only prints), and each is written when it is known. Every room is
-simulated, with a camera of 14 bits, 20 000 electrons full well and 5 electrons read noise; N shots are simulated as
-one of N times the electrons, which their sum is. The error of T is relative, in the Frobenius norm, against the
+Fills docs/acquisition.csv, prints it as the table of docs/acquisition.md and draws docs/acquisition.png. Existing rows
+are kept (`--again` measures them, and only prints). Each row is written as soon as it is known. Every room is
+simulated, with a camera of 14 bits, 20 000 electrons full well and 5 electrons read noise. N shots are simulated as one
+shot of N times the electrons, which equals their sum. The error of T is relative, in the Frobenius norm, against the
 noise-free truth, far light included. Compensation is the box-constrained optimum of the acquired room, to 0.04 dB,
-shown in the true one; mean PSNR of a photograph and of letters. At the camera's resolution they hold detail that no
-projector can show; at a sixth of it, enlarged, the optimum is nearly perfect and every fault of T shows. Nothing here
-decides a test.
+shown in the true room. The figure is the mean PSNR of a photograph and of letters. At the camera's resolution they have
+detail that no projector can show. At a sixth of it, enlarged, the optimum is nearly perfect and every fault of T shows.
 """
 
 import argparse
@@ -47,10 +46,10 @@ ROOT = Path(__file__).resolve().parents[2]
 TABLE, PLOT = ROOT / "docs" / "acquisition.csv", ROOT / "docs" / "acquisition.png"
 TRUTH = "(the truth)"
 DETAILS = 1, 6  # camera pixels per picture pixel
-LARGEST_DENSE = 20000  # projector pixels up to which single pixels are shown one by one
-GAP = 0.01  # of the squared error that remains: 0.04 dB
+LARGEST_DENSE = 20000  # largest projector, in pixels, for which the scheme pixel by pixel is tried
+GAP = 0.01  # share of the remaining squared error: 0.04 dB
 SHOTS = 16
-STRIP = 2048  # camera pixels compared at a time
+STRIP = 2048  # camera pixels compared at once
 COLUMNS = (
     "room",
     "camera, projector",
@@ -67,7 +66,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class StudyRoom:
-    """A simulated room and the quality of compensation in it."""
+    """A simulated room that measures the quality of compensation."""
 
     room: SimulatedRoom
 
@@ -80,7 +79,7 @@ class StudyRoom:
         return directly_lit(self.room.transport, self.room.ambient, self.room.projector)
 
     def compensated(self, transport: Transport, ambient: NDArray[np.floating], detail: int) -> float:
-        """Mean PSNR in dB of the box optimum of some T and e, seen in this room."""
+        """Returns the mean PSNR in dB of the box optimum for a given T and e, seen in this room."""
         truth = self.room.transport
         white = reachable_white(truth.floodlight(self.room.ambient), self.mask)
         figures = []
@@ -120,7 +119,7 @@ class Row:
 def rooms(
     camera: tuple[int, int], projector: tuple[int, int], wanted: Sequence[str] | None = None
 ) -> Iterator[StudyRoom]:
-    """The shipped scenes, a wall out of focus, and a wall with a mirror's second picture on its upper half."""
+    """Yield the shipped scenes, a wall out of focus, and a wall with a mirrored second picture on its upper half."""
     for name, path in shipped_scenes().items():
         if wanted and name not in wanted:
             continue
@@ -151,7 +150,7 @@ def rooms(
 def blurred_strips(
     rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int], sigma: float
 ) -> sparse.csr_array:
-    """A textured wall through a Gaussian blur, as tests.rooms makes it, but never dense: one camera row at a time."""
+    """Returns a textured wall through a Gaussian blur, as in tests.rooms, computed sparsely."""
     y, x = np.mgrid[: camera[0], : camera[1]]
     centre_y, centre_x = (y + 0.5) * projector[0] / camera[0] - 0.5, (x + 0.5) * projector[1] / camera[1] - 0.5
     reach = int(np.ceil(3.1 * sigma))
@@ -170,7 +169,7 @@ def blurred_strips(
 
 
 def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, int, MakeScheme]]:
-    """Name, shots of each pattern, and how it is made."""
+    """Yield name, shots per pattern, and the scheme's factory."""
     yield "hierarchical, τ = 4 σ", 1, HierarchicalScheme(Threshold(4))
     yield f"hierarchical, τ = 4 σ, {SHOTS} shots", SHOTS, HierarchicalScheme(Threshold(4))
     yield "multiplexed", 1, MultiplexedScheme()
@@ -183,23 +182,23 @@ def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, int, MakeScheme]]
 
 
 def sensor(shots: int) -> CameraSettings:
-    """What the mean of so many shots is like."""
+    """Returns a camera that behaves like the mean of `shots` shots."""
     one = Sensor()
     steps = min(16, one.bits + (shots - 1).bit_length())
     return CameraSettings(Sensor(shots * one.full_well, shots**0.5 * one.read_noise, steps))
 
 
 def relative_error(found: Transport, truth: Transport) -> float:
-    """‖T − T₀‖ / ‖T₀‖ over all channels."""
+    """Returns ‖T − T₀‖ / ‖T₀‖ over all channels."""
     square = sum(_square(((1, found), (-1, truth)), channel) for channel in range(3))
     scale = sum(_square(((1, truth),), channel) for channel in range(3))
     return float(np.sqrt(max(square, 0.0) / scale))
 
 
 def _square(terms: Sequence[tuple[int, Transport]], i: int) -> float:
-    """‖Σ ± T‖², T = N + V D with V = U M, never made dense.
+    """Returns ‖Σ ± T‖² for T = N + V D with V = U M, without a dense T.
 
-    ‖N‖² + 2 ⟨N Dᵀ, V⟩ + ⟨V D Dᵀ, V⟩, the last over all pairs of terms, some camera pixels at a time.
+    The norm is ‖N‖² + 2 ⟨N Dᵀ, V⟩ + ⟨V D Dᵀ, V⟩, the last term over all pairs of terms, in strips of camera pixels.
     """
     near = sparse.csr_array(sum(sign * channel(T.near, i).astype(np.float64) for sign, T in terms))
     fars = [(sign, T.far) for sign, T in terms if T.far is not None]
@@ -216,7 +215,7 @@ def _square(terms: Sequence[tuple[int, Transport]], i: int) -> float:
 
 
 def study(place: StudyRoom, size: str, known: Collection[str]) -> Iterator[Row]:
-    """The truth and every scheme whose name is not `known`."""
+    """Yield the rows of the truth and of every scheme whose name is not in `known`."""
     room = place.room
     if TRUTH not in known:
         fine, smooth = (place.compensated(room.transport, room.ambient, detail) for detail in DETAILS)
@@ -251,7 +250,7 @@ def write_rows(rows: Sequence[Row]) -> None:
 
 
 def draw(rows: Sequence[Row]) -> None:
-    """Exposures against the error of T, both logarithmic, a panel a room; the smallest size of each."""
+    """Draw exposures against the error of T, both logarithmic, one panel per room, at the smallest size of each."""
     from matplotlib import pyplot
     from matplotlib.lines import Line2D
 
@@ -296,7 +295,10 @@ def main() -> None:
 
 
 def measured(options: argparse.Namespace, *, again: bool) -> Iterator[Row]:
-    """Each row when it is known; again : also those of the table."""
+    """Yield each row as soon as it is known.
+
+    again : also measure the rows that the table has.
+    """
     size = "{1}x{0}, {3}x{2}".format(*options.camera, *options.projector)
     with threadpool_limits(limits=1):
         for place in rooms(options.camera, options.projector, options.room):
@@ -309,12 +311,12 @@ def measured(options: argparse.Namespace, *, again: bool) -> Iterator[Row]:
 
 
 def in_order(rows: Iterable[Row]) -> list[Row]:
-    """By size, the smallest first, room and scheme."""
+    """Sort by size (the smallest first), room and scheme."""
     return sorted(rows, key=lambda row: (len(row.size), row.size, row.room, row.scheme))
 
 
 def as_table(rows: Sequence[Row]) -> str:
-    """Of docs/acquisition.md."""
+    """Returns the table of docs/acquisition.md."""
     return "\n".join([f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *map(str, rows)])
 
 

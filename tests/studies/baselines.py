@@ -1,6 +1,6 @@
-"""Schemes of acquisition to compare with: pixel by pixel, and fixed blocks.
+"""Baseline acquisition schemes: pixel by pixel, and fixed blocks.
 
-They see the same room through the same captures as the hierarchical scheme, and return a light transport like it.
+They see the same room through the same captures as the hierarchical scheme, and also return a light transport.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ ALL_PAIRS = Threshold(6.0)
 class PixelByPixelScheme:
     """Every projector pixel alone, T column by column (thesis 3.4.2).
 
-    Every pair of a camera and a projector pixel is a chance to take noise for light, hence the higher threshold.
+    Every pair of a camera and a projector pixel may mistake noise for light, hence the higher threshold.
     """
 
     threshold: Threshold = ALL_PAIRS
@@ -43,11 +43,12 @@ class PixelByPixelScheme:
 
 @dataclass(frozen=True)
 class FixedBlocksScheme:
-    """Blocks that are taken not to disturb each other (Masselus et al. 2003, Relighting with 4D incident light
+    """Blocks that are assumed not to disturb each other (Masselus et al. 2003, Relighting with 4D incident light
     fields).
 
-    Each block is shown alone: a camera pixel belongs to the block that it sees best. Then the first pixels of all
-    blocks are shown together, the second ones, and so on; whatever a camera pixel sees is its own block's.
+    Each block is shown alone, and a camera pixel belongs to the block that it sees best. Then the first pixels of all
+    blocks are shown together, the second pixels, and so on. A camera pixel's light is attributed to its own block.
+
     side : of a block, in projector pixels.
     """
 
@@ -85,7 +86,7 @@ class FixedBlocksScheme:
 
 
 def _columns(room: Reference, captures: Captures, grid: BlockGrid, threshold: Threshold) -> BlockLight:
-    """What each capture i, of block i alone, shows above τ."""
+    """Returns the light above τ in each capture i, which shows block i alone."""
     tau, parts = threshold.of(room), []
     for block in range(grid.count):
         light = room.above_black(captures[block])

@@ -1,10 +1,10 @@
-"""What blocks of pixels cost films, in `two_planes` at 1920x1080 where blur is widest: python -m tests.studies.blurring
+"""Cost of blocks of pixels for films, in `two_planes` at 1920x1080: python -m tests.studies.blurring
 
-The square of widest blur on the far card is simulated whole, twice, the lens sampled at other points each time. T is
-put into blocks by one limit after the other: entries a camera pixel, and dB that the pictures that judge `--tolerance`
-lose, and windows of a film at its size. Beside them stands what T loses by its own sampling: what drives by another T
-of the same room lose; and the other judges T and its blocks, neither of which knows of its samples. Five minutes of
-processor time.
+The square of widest blur on the far card is simulated whole, twice, with different sample points of the lens. T is put
+into blocks with a series of limits. Each row states entries per camera pixel, and the dB that pictures lose: the
+pictures of `--tolerance`, and windows of a film at its size. The row "another T" shows what T loses by its own
+sampling, as the loss of drives by another T of the same room. In the second table, the other T, with other
+samples, judges T and its blocks. Five minutes of processor time.
 """
 
 from itertools import islice
@@ -31,13 +31,13 @@ from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
 SIZE, TOP, BAND, SAMPLED = (1080, 1920), 152, 8, 32
-WINDOWS = (100, 200), (460, 880), (800, 1500)  # of a film of that size: their upper left corners
+WINDOWS = (100, 200), (460, 880), (800, 1500)  # upper left corners in a film of that size
 LIMITS = choice.LIMITS[7:11]
 OTHER_POINTS = 7 * SIZE[0] * SIZE[1]  # added to a pixel's number, from which its points of the lens follow
 
 
 def pictures(side: tuple[int, int]) -> dict[str, FloatArray]:
-    """By name, (height, width)."""
+    """Returns pictures by name, (height, width)."""
     film = find_pictures(["film"])[0].at(SIZE).mean(axis=2)
     noise, letters, _ = typical_pictures(side)
     judging = {"photograph": noise, "letters": letters, "soft": soft_picture(side)}
@@ -45,7 +45,10 @@ def pictures(side: tuple[int, int]) -> dict[str, FloatArray]:
 
 
 def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
-    """T of some camera pixels.  sampling : which points of the lens."""
+    """Returns T of some camera pixels.
+
+    sampling : number of a set of lens points.
+    """
     scene = load_scene(parse_scene("two_planes")).resized(SIZE, SIZE)
     simulation = _Simulation(scene, needs_of(scene))
     simulation.prepare()
@@ -69,7 +72,7 @@ def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
 
 
 def widest() -> range:
-    """The columns of the square where blur is widest, by some of its lines."""
+    """Returns the columns of the square where blur is widest, judged by some of its lines."""
     lines = [rows_of(range(y, y + 1), range(SIZE[1]), 0).lengths for y in range(TOP, TOP + choice.SIDE, SAMPLED)]
     sums = np.concatenate([[0], np.cumsum(np.sum(lines, axis=0))])
     left = int((sums[choice.SIDE :] - sums[: -choice.SIDE]).argmax())
@@ -77,14 +80,14 @@ def widest() -> range:
 
 
 class Judges:
-    """One room's T twice, sampled at different points of the lens: what pictures lose of either's best."""
+    """One room's T twice, with different points of the lens: losses of pictures below the best by either T."""
 
     def __init__(self, square: choice._Square, other: SparseRows) -> None:
         self._square, self._T = square, [square._T, square._objective(Transport(other))]
         self._best = [self._errors(T)[number] for number, T in enumerate(self._T)]
 
     def losses(self, made: Transport) -> list[list[float]]:
-        """dB of each picture by drives by another T: judged by the first, and by the second."""
+        """Returns dB lost by each picture with drives of `made`, judged by the first T and by the second."""
         found = self._errors(self._square._objective(made))
         return [
             [10 * float(np.log10(error / least)) for error, least in zip(*pair, strict=True)]
@@ -92,7 +95,7 @@ class Judges:
         ]
 
     def _errors(self, by: Objective) -> list[list[float]]:
-        """By both, of the drives by a T."""
+        """Returns the errors by both T of the drives for one T."""
         grey = np.full((self._square._columns.size, 3), 0.5)
         drives = [next(islice(by.steps(grey, b), choice.STEPS, None)) for b in self._square._asked]
         return [[self._error(T, *pair) for pair in zip(drives, self._square._asked, strict=True)] for T in self._T]

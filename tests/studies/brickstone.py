@@ -1,10 +1,10 @@
 """The experiment of thesis 6.1: python -m tests.studies.brickstone prints the table of docs/table_6_1.md.
 
-A flat wall, and the brickstone wall of brickstone.toml beside it: with its relief alone, and with the light that goes
-into the stone, too; light from brick to brick is left out, or T would be dense and the thesis' cut of it beyond any
-memory. Direct mapping of whole pixels and between them (SmartProjector), the thesis' T⁺ and ours: decibels
-of camera PSNR below the best that a projector can show there, of a photograph and a frame of film. All of it is
-simulated. Nothing here decides a test.
+A flat wall is compared with the brickstone wall of brickstone.toml: with its relief alone, and also with the light that
+enters the stone. Light from brick to brick is left out. With it, T would be dense and the thesis' cut would not fit any
+memory. The methods are direct mapping to whole pixels and between them (SmartProjector), the thesis' T⁺ and this
+program's. Figures are decibels of camera PSNR below the best that a projector can show there, of a photograph and a
+film frame. All of it is simulated.
 """
 
 import argparse
@@ -32,7 +32,7 @@ COLUMNS = ("wall", "picture", "best, dB", *(label(each.family, each.knob, each.v
 
 
 def walls(camera: tuple[int, int], projector: tuple[int, int]) -> Iterator[StudyRoom]:
-    """Flat; of bricks that stand out; and of bricks that let light in."""
+    """Yield a flat wall, a wall of raised bricks, and a wall of bricks that scatter light inside."""
     flat, stone = (load_scene(path).resized(camera, projector) for path in (shipped_scenes()["wall"], SCENE))
     for name, scene, without in (
         ("flat", flat, ()),
@@ -45,7 +45,7 @@ def walls(camera: tuple[int, int], projector: tuple[int, int]) -> Iterator[Study
 
 
 def rows(room: StudyRoom) -> Iterator[str]:
-    """One of the table for each picture."""
+    """Yield one row of the table per picture."""
     found = study_room(room, find_pictures(PICTURES), (Solver("box", "box optimum"), *METHODS)).rows
     for picture in PICTURES:
         best, *others = (row for row in found if row.picture == picture)

@@ -1,7 +1,7 @@
 """One and two projectors, one and two cameras on a folded wall: python -m tests.studies.cameras (docs/cameras.md).
 
-The shipped scene `folded_wall`, small. Judged from outside by an audience's camera between both, of whom nobody was
-told: how far grey, asked for everywhere, is off over the whole wall, and where the first camera's view ends.
+The room is the shipped scene `folded_wall`, small. An audience's camera between both cameras, unknown to the product,
+judges. The figures are how far a grey target is off over the whole wall, and where the first camera's view ends.
 """
 
 import argparse
@@ -36,11 +36,11 @@ from tests.camera_rooms import looks_at
 from tests.joint_rooms import lit_by
 
 CAMERA, PROJECTOR = (120, 160), (54, 96)
-SECOND = np.array([0.5, 0.15, -0.1])  # where the second projector stands from the first
+SECOND = np.array([0.5, 0.15, -0.1])  # position of the second projector relative to the first
 AUDIENCE = "position = [0.0, 0.0, 2.7]\nlook_at = [0.0, 0.0, 0.0]"
 WHITE, GREY = 0.45, 0.3
 STEPS = 8
-OTHER_LIGHT = (0.8, 1.0, 1.25)  # of the second camera, where exposures and colours differ
+OTHER_LIGHT = (0.8, 1.0, 1.25)  # gain of the second camera, where exposures and colours differ
 COLUMNS = (
     "projectors, cameras",
     "camera pixels that count",
@@ -54,7 +54,7 @@ RoomSeen = tuple[Calibration, Transport]
 
 @dataclass(frozen=True)
 class Wall:
-    """The folded wall under one or two projectors, as its cameras see it and as the audience does."""
+    """The folded wall under one or two projectors, as its cameras and the audience see it."""
 
     scene: Scene
     audience: Scene
@@ -67,13 +67,13 @@ class Wall:
         return cls(*(load_scene(each).resized(CAMERA, PROJECTOR) for each in (path, folder / "audience.toml")))
 
     def seen(self, scene: Scene, projectors: int) -> RoomSeen:
-        """What one camera sees of projectors side by side."""
+        """Returns the room of one camera under projectors side by side."""
         beside = replace(scene.projector, position=scene.projector.position + SECOND)
         return lit_by([scene, replace(scene, projector=beside)][:projectors])
 
 
 class Judged:
-    """A room, built, beside the joint optimum and before the audience."""
+    """A built room, compared with the joint optimum and seen by the audience."""
 
     def __init__(self, room: RoomSeen, audience: RoomSeen, sides: dict[str, FloatArray]) -> None:
         self._audience, self._sides = audience, sides
@@ -83,7 +83,7 @@ class Judged:
         self._calibration, self._transport = room
 
     def below_optimum(self, start: str) -> float:
-        """dB of PSNR of a photograph after STEPS steps."""
+        """Returns the loss in dB of PSNR of a photograph after STEPS steps."""
         picture = on_cameras(BUILT_IN["photograph"](self._calibration.placed_on), self._calibration)
         wanted = WHITE * picture
         b = (wanted - self._calibration.ambient).reshape(-1, 3)
@@ -104,7 +104,7 @@ class Judged:
             return np.asarray(renderer.linear(), np.float64).reshape(-1, 3)
 
     def grey(self) -> dict[str, float]:
-        """Code values that grey is off before the audience: of each side of the wall the median, its worst channel."""
+        """Returns the audience's error of grey in code values: per side of the wall, the worst channel's median."""
         calibration, transport = self._audience
         drive = self._shown(np.full((*self._calibration.camera.shape, 3), WHITE * GREY), "previous-direct")
         seen = (transport.apply(drive) + calibration.ambient.reshape(-1, 3)).reshape(*CAMERA, 3)
@@ -119,7 +119,7 @@ def _srgb(light: FloatArray) -> FloatArray:
 
 
 def _sides(wall: Wall) -> dict[str, FloatArray]:
-    """Of the audience's pixels, which the first camera sees alone, both, and the second alone."""
+    """Returns masks of the audience's pixels: seen by the first camera alone, by both, and by the second alone."""
     size = np.array(CAMERA[::-1])
     first, second = (
         ((looks := looks_at(wall.audience.views[0], view)) > 1).all(axis=2) & (looks < size - 1).all(axis=2)

@@ -14,13 +14,13 @@ from tests.coloured_rooms import ColouredRoom, coloured_room, mixing_of_conditio
 
 CAMERA, PROJECTOR = (24, 32), (14, 19)
 CONDITIONS = (1.3, 4.0, 16.0, 64.0)
-PAINT = 0.1  # divided by the condition number: else no camera would call such paint neutral
+PAINT = 0.1  # divided by the condition number: otherwise no camera would treat such paint as neutral
 NOISE = 0.005
 TIERS = ("independent", "global", "pixel", "auto")
 
 
 def measured(room: ColouredRoom, rng: np.random.Generator, noise: float) -> ColouredRoom:
-    """T's entries and the floodlights off by a share of themselves."""
+    """Add relative noise to T's entries and to the floodlights."""
     near = room.transport.near
     weights = near.weights * (1 + noise * rng.normal(size=near.weights.shape)).astype(np.float32)
     F = room.calibration.primaries
@@ -31,7 +31,7 @@ def measured(room: ColouredRoom, rng: np.random.Generator, noise: float) -> Colo
 
 
 def distances(condition: float, noise: float) -> list[str]:
-    """dB below the optimum in the tiers' order, and what auto chose."""
+    """Returns dB below the optimum in the order of TIERS, and the tier that auto chose."""
     rng, neutral = np.random.default_rng(3), mixing_of_condition(condition)
     room = coloured_room(rng, neutral, paint=PAINT / condition, camera=CAMERA, projector=PROJECTOR)
     y, x = np.mgrid[: CAMERA[0], : CAMERA[1]] / CAMERA[1]
@@ -48,7 +48,7 @@ def distances(condition: float, noise: float) -> list[str]:
 
 
 def optimum(room: ColouredRoom, Q: NDArray[np.float64], desired: NDArray[np.float64]) -> float:
-    """PSNR of the best drive within 0..1 for all nine matrices, errors in screen primaries."""
+    """Returns the PSNR of the best drive within 0..1 for all nine matrices, with errors in screen primaries."""
     _, _, rows, columns = room.nine.shape
     A = np.einsum("mk,klij->milj", Q, room.nine).reshape(3 * rows, 3 * columns)
     b = (desired - room.calibration.ambient @ Q.T).reshape(-1, 3).T.ravel()

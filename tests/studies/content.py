@@ -1,9 +1,9 @@
-"""What adaptation and damping do: python -m tests.studies.content [FOLDER] prints the tables of docs/content.md and
-writes its picture, FOLDER/content.png.
+"""Effects of adaptation and damping: python -m tests.studies.content [FOLDER].
 
-The example room (calib_data/scenes/corner.toml, simulated and built into FOLDER once, or into a temporary one), frames
-of the shipped clip with a cut between two passages, and one frame with noise of its own in every repetition. The drives
-are the GPU player's, what the camera sees is its prediction. Nothing here decides a test.
+Prints the tables of docs/content.md and writes FOLDER/content.png. The room is calib_data/scenes/corner.toml, simulated
+and built into FOLDER once, or into a temporary folder. The frames are a piece of the shipped clip with a cut between
+two passages, and one frame with new noise in every repetition. The GPU player makes the drives and predicts the
+camera's view.
 """
 
 import os
@@ -32,7 +32,7 @@ from counterlight.tools.shipped import CLIP, shipped_scenes
 from counterlight.tools.show_example import prepare
 from tests.bench.frames import clock_of
 
-PASSAGES_S, FRAMES = (2.0, 0.5), 12  # where passages begin, and frames of each
+PASSAGES_S, FRAMES = (2.0, 0.5), 12  # start of each passage, and frames per passage
 NOISY, NOISE = 12, 2.0  # repetitions of a frame, standard deviation in code values
 STEPS, REPEATS = 4, 7
 ADAPT, FLICKER = (0, 1, 3, 10), (0, 0.3, 0.6, 0.9)
@@ -58,7 +58,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass
 class Shown:
-    """Of each frame: the radiance that was asked for and that the camera sees."""
+    """Radiance of each frame: the target, and what the camera sees."""
 
     asked: list[FloatArray] = field(default_factory=list)
     seen: list[FloatArray] = field(default_factory=list)
@@ -100,14 +100,14 @@ def show(renderer: GlRenderer, frames: Iterator[Frame], adjustments: Adjustments
 
 
 class Limits:
-    """The light that clips, as pipeline/content.py counts it, of all pixels and by other code than the player's."""
+    """The light that clips, defined as in pipeline/content.py, over all pixels and by other code than the player's."""
 
     def __init__(self, room: Room) -> None:
         self._cpu = CpuRenderer(room)
         self._most, self._ambient = self._cpu._eye.views.most, room.calibration.ambient.astype(np.float64)
 
     def clipped(self, asked: FloatArray, first_asked: FloatArray) -> float:
-        """Share of what clips in the light that was asked for before adaptation."""
+        """Returns the clipped light as a share of the target before adaptation."""
         near = self._cpu._eye.near_light(asked - self._ambient)
         missed = np.abs(near - np.clip(near, 0, self._most[..., :3]))
         counts = self._most[..., 3] > 0
@@ -153,13 +153,13 @@ def damping(room: Room, renderer: GlRenderer) -> None:
 
 
 def changes(pictures: list[FloatArray], mask: NDArray[np.bool_], white: float) -> list[float]:
-    """Mean absolute change from frame to frame, in percent of white; the cut is left out."""
+    """Returns the mean absolute changes from frame to frame, in percent of white, without the cut."""
     pairs = [(a, b) for i, (a, b) in enumerate(pairwise(pictures), 1) if i % FRAMES]
     return [100 * float(np.abs(b - a)[mask].mean()) / white for a, b in pairs]
 
 
 def costs(renderer: GlRenderer) -> None:
-    """Milliseconds of a frame, fastest of REPEATS in turns: of processor time where OpenGL is llvmpipe."""
+    """Print milliseconds per frame, the fastest of REPEATS in turns: processor time where OpenGL is llvmpipe."""
     clock = clock_of(moderngl.get_context())
     processor = "processor " if clock is time.process_time else ""
     settings = {
@@ -185,7 +185,7 @@ def costs(renderer: GlRenderer) -> None:
 
 
 def draw_views(renderer: GlRenderer, path: Path) -> None:
-    """The camera's view, its error, what clips and what cannot be corrected; below them the same with adaptation."""
+    """Write the camera's view, its error, the clipping and the impossible map; below them the same with adaptation."""
     frame = next(clip_frames())
     renderer.open(frame.format)
     renderer.upload(frame)
@@ -227,7 +227,7 @@ def run(context: moderngl.Context, folder: Path) -> None:
 
 
 def renderer_of(context: moderngl.Context, room: Room, made: ExitStack) -> GlRenderer:
-    """Released with `made`."""
+    """Returns a renderer that is released with `made`."""
     renderer = GlRenderer(context, room)
     made.callback(renderer.release)
     return renderer

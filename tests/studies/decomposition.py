@@ -1,9 +1,9 @@
-"""What cutting clusters costs: python -m tests.studies.decomposition prints the table of docs/decomposition.md.
+"""Cost of cutting clusters: python -m tests.studies.decomposition prints the table of docs/decomposition.md.
 
-Simulated rooms: those of calib_data/scenes (projector 96x72, camera 160x120) and a white wall out of focus (64x48,
-80x60). Every row is T⁺ of one decomposition, clamped, seen through the whole undecomposed transport; each row
-has the λ that serves these pictures best, so that the choice of λ does not hide the cost. Pictures are a quarter of the
-camera's size, enlarged: detail that no projector pixel can show would hide it too. Nothing here decides a test.
+The rooms are simulated: scenes of calib_data/scenes (projector 96x72, camera 160x120) and a white wall out of focus
+(64x48, 80x60). Every row is T⁺ of one decomposition, clamped, seen through the whole undecomposed transport. Each row
+has the λ that is best for these pictures, so that the choice of λ does not hide the cost. Pictures are a quarter of the
+camera's size, enlarged, because detail that no projector pixel can show would also hide the cost.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,10 @@ PICTURES = ("photograph", "letters", "ramp")
 
 @dataclass(frozen=True)
 class StudyRoom:
-    """A room; `near` is its near light inside the mask. ambient : (camera height, camera width, 3)."""
+    """A room; `near` is its near light inside the mask.
+
+    ambient : (camera height, camera width, 3).
+    """
 
     name: str
     projector: tuple[int, int]
@@ -63,14 +66,14 @@ class StudyRoom:
         return self.transport.inside(self.mask).near
 
     def best_inverse(self, near: SparseRows) -> tuple[Inverse, list[float]]:
-        """T⁺ with the λ of the highest mean quality, and its quality."""
+        """Returns T⁺ with the λ of the highest mean quality, and its quality."""
         reach = np.maximum(self.white, self.ambient.reshape(-1, 3))
         options = [InverseOptions(damping, inverse="whole") for damping in DAMPINGS]
         inverses = [invert_near_light(near, self.mask, self.projector, reach, self.white, each) for each in options]
         return max(((inverse, self.quality(inverse)) for inverse in inverses), key=lambda pair: sum(pair[1]))
 
     def quality(self, inverse: Inverse) -> list[float]:
-        """Camera PSNR in decibels of each built-in picture: compensated, clamped, seen through the whole T."""
+        """Returns camera PSNR in decibels of each built-in picture: compensated, clamped, seen through the whole T."""
         undo = None if self.transport.far is None else undo_far_light(self.transport.far, inverse.T_pinv)
         T_pinv = Compensation(inverse.T_pinv, undo)
         figures = []

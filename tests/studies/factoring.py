@@ -1,7 +1,7 @@
-"""What factoring a dense T saves and loses: python -m tests.studies.factoring prints a table.
+"""Savings and losses from factoring a dense T: python -m tests.studies.factoring prints a table.
 
-The corner of the rig with every bounce of its light, entry by entry; as a path tracer that takes so many paths a camera
-pixel would leave it; and with the noise of a measurement. Optima by the box solver, judged by the T that was given.
+The room is the corner of the rig with every bounce of its light, entry by entry. It is also tried with
+the noise of a path tracer with PATHS paths per camera pixel, and with measurement noise. The given T judges the drives.
 """
 
 import time
@@ -18,11 +18,11 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import Transport, channels
 from tests.dense_rooms import radiosity_corner
 
-PATHS, NOISE, SHARP = 500, 0.5, 50.0  # paths a camera pixel; of the faint entries' mean; times a row's mean
+PATHS, NOISE, SHARP = 500, 0.5, 50.0  # paths per camera pixel; of the faint entries' mean; times a row's mean
 
 
 def traced(T: Transport, rng: np.random.Generator) -> Transport:
-    """Faint entries as PATHS paths a camera pixel find them: most not at all, the others as bright as a path."""
+    """Replace faint entries by what PATHS paths per camera pixel find: 0, or multiples of a path's light."""
     made = []
     for matrix in channels(T.near):
         faint = _faint(matrix)
@@ -35,7 +35,7 @@ def traced(T: Transport, rng: np.random.Generator) -> Transport:
 
 
 def noisy(T: Transport, rng: np.random.Generator) -> Transport:
-    """With the noise of a measurement on every entry, cut at 0."""
+    """Add measurement noise to every entry, cut at 0."""
     made = []
     for matrix in channels(T.near):
         level = NOISE * matrix.data[_faint(matrix)].mean()
@@ -46,7 +46,7 @@ def noisy(T: Transport, rng: np.random.Generator) -> Transport:
 
 
 def losses(T: Transport, found: Transport) -> FloatArray:
-    """dB below T's optimum, of the pictures of losses.py."""
+    """Returns dB below T's optimum, for the pictures of losses.py."""
     assert T.camera is not None
     assert T.projector is not None
     mask = directly_lit(T, np.zeros((*T.camera, 3)), T.projector)

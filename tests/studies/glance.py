@@ -1,7 +1,7 @@
 """The README's pictures: python -m tests.studies.glance -o docs makes glance.png and hero.webp.
 
-Four shipped rooms, simulated, built and played as a user does it by default. Each pair is the camera's view at one
-exposure: a film frame as any player would project it, and compensated. The clip wipes between both in the first room.
+Four shipped rooms are simulated, built and played with the defaults. Each pair is the camera's view at one exposure: a
+film frame as any player would project it, and compensated. The clip wipes between both in the first room.
 """
 
 import argparse
@@ -26,14 +26,14 @@ ROOMS = {
     "two_planes": "two planes, one out of focus",
 }
 CAMERA, PROJECTOR = "240x180", "192x144"
-WIDE, WIDE_PROJECTOR = "960x540", "768x432"  # of the clip
+WIDE, WIDE_PROJECTOR = "960x540", "768x432"  # sizes for the clip
 SHOWN_AT_S, FRAMES, SKIPPED, SHOWN_MS = 2.0, 44, 3, 120  # every third frame of 25 per second
 GAP, LABEL, INK, WHITE = 8, 26, 40, 0xFFFFFF
 Picture = NDArray[np.uint8]
 
 
 def pair(scene: str, folder: Path) -> Picture:
-    """A room before and after, side by side."""
+    """Returns a room before and after, side by side."""
     room = folder / scene
     succeed("simulate", scene, "-o", room, "--camera", CAMERA, "--projector", PROJECTOR)
     succeed("build", room)
@@ -47,7 +47,7 @@ def pair(scene: str, folder: Path) -> Picture:
 
 
 def beside(pictures: list[Picture], axis: int) -> Picture:
-    """Pictures in a row or a column, white between them."""
+    """Join pictures in a row or a column, with white between them."""
     shape = list(pictures[0].shape)
     shape[axis] = GAP
     parts = [part for picture in pictures for part in (np.full(shape, 255, np.uint8), picture)]
@@ -55,7 +55,7 @@ def beside(pictures: list[Picture], axis: int) -> Picture:
 
 
 def labelled(picture: Picture, words: str) -> Picture:
-    """With a line of words above it."""
+    """Add a line of text above a picture."""
     ink = Image.new("L", (picture.shape[1], LABEL), 255)
     write(ImageDraw.Draw(ink), (0, LABEL - 9), words, 1.0, INK)
     return np.concatenate([np.repeat(np.asarray(ink)[..., None], 3, axis=2), picture])
@@ -67,7 +67,7 @@ def sheet(folder: Path) -> Picture:
 
 
 def hero(folder: Path, path: Path) -> None:
-    """The first room as a clip: a line wipes from any player's picture, its corners pinned, to the compensated one."""
+    """Write the first room as a clip that wipes from any player's picture, pinned, to the compensated picture."""
     room = folder / "hero"
     succeed("simulate", next(iter(ROOMS)), "-o", room, "--camera", WIDE, "--projector", WIDE_PROJECTOR)
     succeed("build", room)
@@ -82,7 +82,7 @@ def hero(folder: Path, path: Path) -> None:
 
 
 def pin(room: Path, folder: Path) -> None:
-    """Write the clip's frames so that, projected as they are, they fill the camera's view."""
+    """Write the clip's frames, warped so that they fill the camera's view when they are projected uncompensated."""
     near = sparse.load_npz(room / "transport_green.npz").tocsr()
     size, (width, _) = (tuple(map(int, words.split("x"))) for words in (WIDE, WIDE_PROJECTOR))
     seen = np.flatnonzero(np.diff(near.indptr))[::97]
@@ -97,7 +97,10 @@ def pin(room: Path, folder: Path) -> None:
 
 
 def wiped(before: Path, after: Path, time: float) -> Image.Image:
-    """Left of the line any player's picture, right of it the compensated one.  time : from 0 to 1."""
+    """Draw any player's picture left of a line, and the compensated picture right of it.
+
+    time : from 0 to 1.
+    """
     left, right = (np.asarray(Image.open(path).convert("RGB")) for path in (before, after))
     line = round(left.shape[1] * (0.5 + 0.45 * np.cos(2 * np.pi * time)))
     picture = Image.fromarray(np.concatenate([left[:, :line], right[:, line:]], axis=1))

@@ -1,14 +1,15 @@
-"""What every method makes of the hard cases: python -m tests.studies.hard_cases prints three tables, case × method.
+"""Results of every method on the hard cases: python -m tests.studies.hard_cases prints three tables, case × method.
 
-The cases and the methods are those of tests/hard_systems.py; tests/test_hard_cases.py and tests/test_hard_noise.py hold
-what is known or proven of each. Nothing here decides a test. The figures do not depend on T's unit:
+tests/hard_systems.py defines the cases and the methods. tests/test_hard_cases.py and tests/test_hard_noise.py test what
+is known or proven of each. The figures do not depend on T's unit:
 
 - error: RMS of T·clamp(p) − b through the true T, in per cent of the RMS of the floodlit room T·1;
 - amplification: σ₁ ‖Δp‖ / ‖Δb‖ before the clamp, the worst of four directions of 1 % noise, one of them T's weakest
   left singular vector where an SVD is cheap: 1 for an orthogonal T, up to the condition number for a plain inverse;
 - seconds: of a solver for one channel and one picture, of a map for three channels and any picture.
 
-A fourth table says what cutting clusters apart does to all that. `--output FOLDER` also writes CSV, JSON and the plot.
+A fourth table shows the effect of cutting clusters on all figures. `--output FOLDER` also writes CSV, JSON and the
+plot.
 """
 
 import argparse
@@ -73,7 +74,7 @@ def measure(case: HardCase, method: str) -> Figures:
 
 
 def amplification(case: HardCase, apply: Apply, p: FloatArray) -> float:
-    """σ₁ ‖Δp‖ / ‖Δb‖, the worst of a few directions Δb of NOISE times the floodlit room."""
+    """Returns σ₁ ‖Δp‖ / ‖Δb‖, the worst of a few directions Δb of NOISE times the floodlit room."""
     size = NOISE * float(np.linalg.norm(case.floodlight))
     return max(
         case.largest_singular_value * float(np.linalg.norm(apply(case.target + size * d) - p)) / size
@@ -82,14 +83,14 @@ def amplification(case: HardCase, apply: Apply, p: FloatArray) -> float:
 
 
 def directions(case: HardCase) -> list[FloatArray]:
-    """Unit vectors over the camera pixels."""
+    """Returns unit vectors over the camera pixels."""
     random = [rng(20 + i).normal(size=case.T.shape[0]) for i in range(3)]
     weakest = [] if case.singular is None else [case.singular[0][:, -1]]
     return [d / np.linalg.norm(d) for d in random] + weakest
 
 
 def measure_all() -> list[Figures]:
-    """Every method on every case and on the walls of every condition, and the three tables printed row by row."""
+    """Measure every method on every case and on the walls of every condition, and print the three tables row by row."""
     cases = [*all_cases(), *(defocused_wall(condition) for condition in CONDITIONS)]
     found: list[Figures] = []
     for case in track(cases, "hard cases", len(cases)):
@@ -112,7 +113,7 @@ TABLES: dict[str, Callable[[Figures], str]] = {
 }
 
 
-SHOWN = {  # a column of docs/hard_cases.md -> the method
+SHOWN = {  # column of docs/hard_cases.md -> method
     "plain map, `svd`": "map none",
     "`qr`": "qr",
     "`nnls`": "nnls",
@@ -124,7 +125,7 @@ SHOWN = {  # a column of docs/hard_cases.md -> the method
     "64 steps": "refined 64",
     "`box`": "box",
 }
-LISTED = {  # a case -> what its row there is called
+LISTED = {  # case -> name of its row there
     "wall, condition 1e+02": "wall, condition 1e2",
     "wall, condition 1e+04": "wall, condition 1e4",
     "wall, condition 1e+08": "wall, condition 1e8",
@@ -146,7 +147,7 @@ LISTED = {  # a case -> what its row there is called
     "cluster of 2048": "one cluster of 2048",
 }
 FAR_LIGHT_CASE = "dark paint, far light 0.3"
-FAR_LIGHT = {  # a row of the page's last table -> the method
+FAR_LIGHT = {  # row of the page's last table -> method
     "plain inverse of the near light, far light of its drive undone": "split none",
     "plain inverse of near and far light in one T, uncut": "map none",
     "the first, far light of the *clamped* drive undone, twice": "split none, clamped",
@@ -159,7 +160,7 @@ FAR_LIGHT = {  # a row of the page's last table -> the method
 
 
 def far_light_table(found: list[Figures]) -> str:
-    """Error and amplification where far light of what is not shown is undone."""
+    """Returns error and amplification for the case where the far light of a drive that is not shown is undone."""
     by_method = {figures.method: figures for figures in found if figures.case == FAR_LIGHT_CASE}
     cells = {name: _cell(by_method[method]).split(" / ") for name, method in FAR_LIGHT.items()}
     lines = [f"| {name} | {' | '.join(both)} |" for name, both in cells.items()]
@@ -167,7 +168,7 @@ def far_light_table(found: list[Figures]) -> str:
 
 
 def markdown(found: list[Figures]) -> str:
-    """The page's table: error and amplification of the cases LISTED by the methods of SHOWN."""
+    """Returns the page's table: error and amplification of the cases LISTED by the methods of SHOWN."""
     by_name = {(figures.case, figures.method): figures for figures in found}
     lines = [["error, % / amplification", *SHOWN], ["---"] * (1 + len(SHOWN))]
     lines += [[name, *(_cell(by_name[case, method]) for method in SHOWN.values())] for case, name in LISTED.items()]
@@ -181,24 +182,25 @@ def _cell(figures: Figures) -> str:
 
 
 def _error_and_gain(error: float, gain: float) -> str:
-    """In per cent; tenths of one, a gain below a thousand written out."""
+    """Format in per cent, with a decimal for tenths, and gains from 10 to 1000 without exponent."""
     per_cent = f"{100 * error:.1f}" if 0.1 <= error < 1 else f"{100 * error:.2g}"
     return _short_exponent(f"{per_cent} / {gain:.0f}" if 10 <= gain < 1000 else f"{per_cent} / {gain:.2g}")
 
 
 def _short_exponent(text: str) -> str:
-    """1e4 for 1e+04."""
+    """Write 1e4 for 1e+04."""
     return re.sub(r"e([+-])0*(\d)", lambda sign: f"e{sign[1].strip('+')}{sign[2]}", text)
 
 
-# The decomposition's stability (thesis 4.2.2, 6.3)
+# Stability of the decomposition (thesis 4.2.2, 6.3)
 
 
 @dataclass(frozen=True)
 class CutFigures:
     """A wall whose T is cut to clusters of at most `allowed` projector pixels (None: uncut), seen through the whole T.
 
-    condition : the worst cluster's.  change : ‖T_cut − T‖ / ‖T‖.
+    condition : of the worst cluster.
+    change : ‖T_cut − T‖ / ‖T‖.
     plain, damped : (error, amplification) of the plain inverse and of λ = 0.1 σ₁.
     """
 
@@ -241,7 +243,7 @@ def _condition(T: Csr, clusters: Clusters, label: int) -> float:
 
 
 def measure_decomposition() -> list[CutFigures]:
-    """Each row printed as it is known: the page's second table."""
+    """Measure the page's second table, and print each row as soon as it is known."""
     found = []
     print(f"| {' | '.join(CUT_COLUMNS)} |\n{'|---' * len(CUT_COLUMNS)}|", flush=True)
     for condition in CUT_CONDITIONS:
@@ -289,7 +291,7 @@ STYLES = {
 
 
 def plot(found: list[Figures], path: Path) -> None:
-    """Error and amplification of every method against the condition number of a wall out of focus."""
+    """Draw error and amplification of every method against the condition number of a wall out of focus."""
     from matplotlib.figure import Figure
 
     by_wall = {(f.case, f.method): f for f in found}

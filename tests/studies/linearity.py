@@ -1,8 +1,8 @@
-"""Whether a camera is linear, by two pictures: python -m tests.studies.linearity.
+"""Linearity of a camera from two pictures: python -m tests.studies.linearity.
 
-In the rooms of the rig (tests/rig, docs/rig.md) black, white and the two pictures of tools/acquisition/linearity.py are
-captured by cameras that store what the rig's sensor saw in several ways. Prints the bend of each, which is 0 % for a
-linear camera, and what the acquisition makes of it: the table of docs/acquisition.md. All of it is simulated.
+In the rooms of the rig (tests/rig, docs/rig.md), cameras that store the sensor's picture in several ways capture black,
+white and the two pictures of tools/acquisition/linearity.py. The study prints the bend of each camera, which is 0 % for
+a linear camera, and the acquisition's verdict: the table of docs/acquisition.md. All of it is simulated.
 """
 
 import argparse
@@ -27,7 +27,10 @@ EXPOSURES = Exposures()
 
 @dataclass(frozen=True)
 class Trial:
-    """A camera.  response : what the acquisition is told of it."""
+    """A camera.
+
+    response : camera response that the acquisition receives.
+    """
 
     says: str
     stored: Stored
@@ -56,7 +59,7 @@ TRIALS = (
 
 
 def measured(rig: Rig, stored: Stored, exposures: Exposures = EXPOSURES) -> Bend | None:
-    """What the acquisition sees of the rig's camera."""
+    """Returns the bend that the acquisition measures with the rig's camera."""
     number = 0
 
     def captured(pictures: Sequence[Picture]) -> list[NDArray[Any]]:

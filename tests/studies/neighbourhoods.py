@@ -1,11 +1,10 @@
-"""The thesis' cut of near and far light in one T: python -m tests.studies.neighbourhoods prints a table of
-docs/decomposition.md and draws docs/neighbourhoods.png, the counterpart of figure 4.8.
+"""The thesis' cut of near and far light in one T: python -m tests.studies.neighbourhoods.
 
-The shipped `folded_cards`, whose light is a sixth far light, small: T dense, and without what an acquisition of a
-threshold of a thousandth of its brightest entry would not find. Each row is cut with a radius and τ₁, its energy fitted
-(4.2.3), and inverted cluster by cluster by numpy's singular values, those above a share of a cluster's largest; the
-clamped drive is judged through the whole T: decibels of camera PSNR below the best that a projector can show. Nothing
-here decides a test.
+Prints a table of docs/decomposition.md and draws docs/neighbourhoods.png, the counterpart of figure 4.8. The room is
+the shipped `folded_cards`, small; a sixth of its light is far light. T is dense, also without the entries that an
+acquisition with a threshold of a thousandth of the brightest entry would miss. Each row is cut with a radius and τ₁,
+its energy is fitted (4.2.3), and each cluster is inverted by numpy's SVD, without small singular values. The clamped
+drive is judged through the whole T: decibels of camera PSNR below the best that a projector can show.
 """
 
 from collections.abc import Iterator
@@ -24,28 +23,28 @@ from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.study.rooms import StudyRoom, Task, open_room
 from counterlight.tools.transport.transport import channels, in_one, luminance, luminance_matrix
 
-SIZE = (36, 48)  # the camera's, height and width
-FOUND = 1e-3  # of the brightest entry
-DRAWN_RADII = (3, 5, 10, 15)  # figure 4.8's
-WHOLE = 100  # a neighbourhood of the whole picture
+SIZE = (36, 48)  # camera (height, width)
+FOUND = 1e-3  # share of the brightest entry
+DRAWN_RADII = (3, 5, 10, 15)  # radii of figure 4.8
+WHOLE = 100  # radius that covers the whole picture
 CUTS = {  # share of the brightest entry -> radius and τ₁, (0, 0) for no cut
     0.0: ((0, 0.0), (3, 1.0), (WHOLE, 0.1), (WHOLE, 0.3), (WHOLE, 1.0)),
     FOUND: ((0, 0.0), *((radius, 1.0) for radius in DRAWN_RADII), (WHOLE, 0.1), (WHOLE, 1.0)),
 }
-LEFT_OUT = (1e-6, 0.01, 0.03)  # singular values up to such a share of a cluster's largest
+LEFT_OUT = (1e-6, 0.01, 0.03)  # singular values up to this share of a cluster's largest are dropped
 PICTURES = ("photograph", "text", "gradient")
 COLUMNS = ("entries from", "radius, τ₁", "light kept", "clusters", "largest", *(f"σ above {s:g} σ₁" for s in LEFT_OUT))
 PLOT, ENLARGED, MARGIN = Path(__file__).resolve().parents[2] / "docs" / "neighbourhoods.png", 5, 6
 
 
 def thresholded(T: SparseRows, share: float) -> SparseRows:
-    """Without entries below a share of the brightest."""
+    """Drop entries below a share of the brightest entry."""
     light = luminance(T.weights)
     return T.where(light > share * light.max())
 
 
 def cut(room: StudyRoom, T: SparseRows, radius: float, tau_1: float) -> tuple[SparseRows, float]:
-    """The cut T, its energy fitted, and the share of the light that its connections carried before."""
+    """Returns the cut T with fitted energy, and the share of the light in the connections that are kept."""
     if not radius:
         return T, 1.0
     shapes = room.calibration.camera.shape, room.calibration.projector.shape
@@ -55,7 +54,7 @@ def cut(room: StudyRoom, T: SparseRows, radius: float, tau_1: float) -> tuple[Sp
 
 
 def inverses(near: SparseRows) -> list[list[FloatArray]]:
-    """T⁺ of each channel for each of LEFT_OUT, cluster by cluster."""
+    """Returns T⁺ of each channel for each share of LEFT_OUT, cluster by cluster."""
     clusters = find_clusters(luminance_matrix(near))
     found = []
     for T in channels(near):
@@ -71,7 +70,7 @@ def inverses(near: SparseRows) -> list[list[FloatArray]]:
 
 
 def below(tasks: list[Task], T_pinv: list[FloatArray]) -> str:
-    """Of each picture."""
+    """Returns dB below the best for each picture."""
     drives = (np.stack([P @ task.asked[:, i] for i, P in enumerate(T_pinv)], axis=1) for task in tasks)
     judged = (task.judge(np.clip(drive, 0, 1)) for task, drive in zip(tasks, drives, strict=True))
     return ", ".join(f"{each.below_optimum:.1f}" for each in judged)
@@ -91,7 +90,7 @@ def rows(room: StudyRoom) -> Iterator[str]:
 
 
 def draw(room: StudyRoom) -> None:
-    """Clusters in the camera's picture by radius, below them in the projector's."""
+    """Draw clusters in the camera picture by radius, and in the projector picture below."""
     T, columns = thresholded(in_one(room.inside), FOUND), []
     for radius in DRAWN_RADII:
         clusters = find_clusters(luminance_matrix(cut(room, T, radius, 1.0)[0]))

@@ -1,8 +1,8 @@
-"""T's error by the camera's noise, and what averaging costs: python -m tests.studies.noise.
+"""T's error from the camera's noise, and the cost of averaging: python -m tests.studies.noise.
 
-In the rooms of the rig (tests/rig, docs/rig.md) the product acquires T through the rig's own camera, of 20 000 and of
-2 000 electrons, each picture captured once and as often as it chooses where time does not count. T is compared with the
-rig's own. Prints the table of docs/acquisition.md. All of it is simulated.
+In the rooms of the rig (tests/rig, docs/rig.md) the product acquires T through the rig's own camera, with 20 000 and
+with 2 000 electrons. Each picture is captured once, or as often as the product chooses without a time limit. T is
+compared with the rig's own T. Prints the table of docs/acquisition.md. All of it is simulated.
 """
 
 import argparse
@@ -30,7 +30,7 @@ ANY_TIME = Aim(seconds=1e9)
 
 
 class RigCamera:
-    """The rig's camera as the product's; what it makes of a picture is the rig's."""
+    """The rig's camera with the product's camera interface."""
 
     name, exposures = "rig", Exposures()
 
@@ -44,7 +44,7 @@ class RigCamera:
 
 
 def noisy_rig(room: Room, electrons: float) -> Rig:
-    """Nothing but noise: each channel sees its own primary."""
+    """Returns a rig with noise as its only fault: each channel sees its own primary."""
     return Rig(room, Devices(sensor=replace(Sensor(), full_well=electrons)))
 
 
@@ -55,7 +55,7 @@ def acquired(rig: Rig, scheme: MakeScheme, *, averaged: bool) -> Acquisition:
 
 
 def error_of(found: Transport, rig: Rig) -> float:
-    """‖T − T₀‖ / ‖T₀‖ over all channels, column by column, T₀ the rig's above the projector's black level."""
+    """Returns ‖T − T₀‖ / ‖T₀‖ over all channels, column by column; T₀ is the rig's T above the black level."""
     off = whole = 0.0
     for pixel in range(rig.raster[0] * rig.raster[1]):
         drive = np.zeros((rig.raster[0] * rig.raster[1], 3))

@@ -1,10 +1,10 @@
-"""Direct mapping, the product and the unweighted optimum in shipped rooms, the rig's and random ones: docs/rig.md.
+"""Direct mapping, the product and the unweighted optimum in shipped, rig and random rooms: docs/rig.md.
 
     python -m tests.studies.optimum [--random N]
 
-T is exact. Decibels against white over lit pixels, and in parentheses inside the border, means of five pictures; scipy
-finds the optimum (tests/unweighted.py). The product has its defaults: a still picture in a file, and the first frame
-in a window.
+T is exact. Figures are decibels against white over lit pixels, and in parentheses inside the border, means of five
+pictures. scipy finds the optimum (tests/unweighted.py). The product uses its defaults: a still picture in a file, and
+the first frame in a window.
 """
 
 import argparse
@@ -37,7 +37,7 @@ def shipped() -> Iterator[GreyRoom]:
 
 
 def of_the_rig() -> Iterator[GreyRoom]:
-    """One primary as one channel sees it."""
+    """Yield the rig's rooms with one primary, as one channel sees it."""
     for name, make in ROOMS.items():
         rig = Rig(make(RIG_SCALE), Devices())
         pixels, lamps = (size[0] * size[1] for size in (rig.camera, rig.raster))
@@ -58,14 +58,14 @@ def random(count: int) -> Iterator[GreyRoom]:
 
 
 def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Grey, in shares of white."""
+    """Returns grey pictures, in shares of white."""
     x = (np.arange(camera[1]) + 0.5) / camera[1]
     found = {picture.name: picture.at(camera)[..., 1] for picture in find_pictures(("photograph", "film"))}
     return {"white": np.ones(camera), "half": np.full(camera, 0.5), "ramp": np.tile(x, (camera[0], 1)), **found}
 
 
 def line(given: GreyRoom) -> str:
-    """A room's row: means over the pictures; for files how far the worst picture is below the optimum."""
+    """Returns a room's row: means over the pictures; for files, how far the worst picture is below the optimum."""
     room, judge = given.in_product, Judge(given.T, given.camera)
     maps = cl.build_maps(room)
     found = {way: list[tuple[float, float]]() for way in WAYS}

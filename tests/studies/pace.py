@@ -1,9 +1,9 @@
-"""How long a default acquisition takes, and how well that is foretold: python -m tests.studies.pace.
+"""Duration of a default acquisition, and the quality of its estimates: python -m tests.studies.pace.
 
 Runs `counterlight acquire` in a shipped scene with a camera of 96x72 and a projector of 128x96 pixels. Each exposure of
-the simulated camera takes a seventh of a second. Prints the lines of the command with their times, and then the actual
-exposures, minutes and megabytes. The last line has the errors of the estimates after the first minute: of the whole
-time, which is the time so far plus the time left. A scene takes up to ten minutes.
+the simulated camera takes a seventh of a second. The study prints the lines of the command with their times, and then
+the actual exposures, minutes and megabytes. The last line shows the errors of the estimates after the first minute: of
+the whole time, which is the time so far plus the time left. A scene takes up to ten minutes.
 """
 
 import argparse
@@ -30,7 +30,7 @@ LEFT = re.compile(r"(?:about|,) (?:(?P<hours>\d+) h )?(?:(?P<minutes>\d+) min ?)
 
 
 class PacedCamera(SimulatedCamera):
-    """Takes a seventh of a second for each exposure."""
+    """A camera that takes a seventh of a second per exposure."""
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
         end_s = time.monotonic() + EXPOSURE_S * len(self.exposures.times)
@@ -54,7 +54,7 @@ class TimedLines(io.StringIO):
 
 
 def seconds_left(line: str) -> float | None:
-    """The estimate that a line contains, if any."""
+    """Returns the estimate in a line, or None."""
     found = LEFT.search(line)
     parts = [int(found[name] or 0) for name in ("hours", "minutes", "seconds")] if found else []
     return 3600.0 * parts[0] + 60 * parts[1] + parts[2] if any(parts) else None

@@ -1,8 +1,9 @@
-"""Quality over pictures: python -m tests.studies.pictures_first.
+"""Quality over the number of pictures: python -m tests.studies.pictures_first.
 
 In the rooms of the rig (tests/rig, docs/rig.md) the product acquires with `--pictures N`, and with the schemes that
-take as many as they need; it builds and shows with its defaults, and is judged as python -m tests.rig does: captured
-dB over all that is lit, mean of three pictures. Prints the table of docs/acquisition.md. All of it is simulated.
+take as many pictures as they need. The product builds and shows with its defaults, and is judged like in
+python -m tests.rig: captured dB over all lit pixels, mean of three pictures. Prints the table of docs/acquisition.md.
+All of it is simulated.
 """
 
 import argparse
@@ -30,7 +31,7 @@ ALL = re.compile(r"^(\d+) pictures, ", re.MULTILINE)
 
 
 def captured(rig: Rig, folder: Path, *options: str) -> tuple[int, float]:
-    """How many pictures a room took, and how near to what was asked it comes, in dB."""
+    """Returns the number of pictures of an acquisition, and the resulting quality in dB."""
     said = product.acquire(rig, folder, *options)
     found = ALL.search(said)
     assert found, said

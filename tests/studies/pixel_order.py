@@ -1,7 +1,7 @@
-"""How rough T is for right and for swapped sizes: python -m tests.studies.pixel_order prints both tables.
+"""Roughness of T for right and for swapped sizes: python -m tests.studies.pixel_order prints both tables.
 
-They are where the thresholds of counterlight/tools/transport/pixel_order.py come from. `ratio` is the roughness for the
-given sizes over the roughness for the smoothest other reading, where that is smooth (at most SMOOTH).
+The thresholds of counterlight/tools/transport/pixel_order.py come from these tables. `ratio` is the roughness for the
+given sizes over the roughness for the smoothest other reading, if that reading is smooth (at most SMOOTH).
 """
 
 import argparse
@@ -28,7 +28,7 @@ SIZES: list[Reading] = [
 
 
 def ratio(near: SparseRows, camera: Shape, projector: Shape) -> float:
-    """NaN where no other reading is smooth."""
+    """Returns the ratio of roughnesses; NaN if no other reading is smooth."""
     if min(*camera, *projector) < LEAST_SIDE:
         return float("nan")
     given, *others = roughnesses(near, camera, projector).values()
@@ -37,7 +37,7 @@ def ratio(near: SparseRows, camera: Shape, projector: Shape) -> float:
 
 
 def swapped(camera: Shape, projector: Shape) -> dict[str, Reading]:
-    """Wrong readings of a room by what is swapped; of a square picture, nothing is."""
+    """Returns the wrong readings of a room by the swapped sizes, without those that equal the right reading."""
     return {
         name: reading
         for name, reading in (

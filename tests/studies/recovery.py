@@ -1,7 +1,7 @@
-"""How well a camera's response comes back from brackets: python -m tests.studies.recovery (docs/hdr.md).
+"""Recovery of a camera's response from brackets: python -m tests.studies.recovery (docs/hdr.md).
 
-Simulated: 8000 pixels, 1 % noise, 8 bit. Standard deviation of ln f⁻¹ / truth over codes 16 to 249, by the camera's
-curve; tests/test_hdr.py bounds the same figure. Nothing here decides a test.
+The data are simulated: 8000 pixels, 1 % noise, 8 bit. The figure is the standard deviation of ln f⁻¹ / truth over codes
+16 to 249, by the camera's curve; tests/test_hdr.py bounds the same figure.
 """
 
 import numpy as np
@@ -21,14 +21,17 @@ INSIDE = slice(16, 250)
 def samples_of(
     rng: np.random.Generator, response: Response, times: list[float], pixels: int, noise: float
 ) -> np.ndarray:
-    """(pictures, pixels, 1), 0..1, of a camera with so much noise relative to the light."""
+    """Returns samples (pictures, pixels, 1), 0..1, of a camera with noise of `noise` relative to the light."""
     light = 10 ** rng.uniform(-3, 0.5, (pixels, 1, 1))
     shots = [codes_of(light * (1 + rng.normal(0, noise, light.shape)), t, response) for t in times]
     return np.stack(shots)[:, :, 0] / 255
 
 
 def recovered(rng: np.random.Generator, name: str, method: str, pictures: int, stops: int) -> np.ndarray:
-    """f⁻¹ as recovered, relative to the truth, of codes INSIDE.  name : of CURVES."""
+    """Returns the recovered f⁻¹ relative to the truth, for codes INSIDE.
+
+    name : one of CURVES.
+    """
     times = [2.0 ** (stops * (i - pictures // 2)) for i in range(pictures)]
     samples = samples_of(rng, CURVES[name], times, PIXELS, NOISE)
     found = exposure_table(recover_response(samples, np.array(times), method), 256, 1)[:, 0]

@@ -1,9 +1,9 @@
-"""What refinement buys: python -m tests.studies.refinement prints the tables of docs/refinement.md.
+"""Benefit of refinement: python -m tests.studies.refinement prints the tables of docs/refinement.md.
 
-Simulated rooms: those of calib_data/scenes (projector 256x144, camera 320x180) and a textured wall out of focus
-(128x96, 160x120, σ of one projector pixel). Frames of the shipped clip. The optimum is tools/solve's box solver's;
-figures are decibels of camera PSNR below it. Drives and milliseconds are the GPU player's; on llvmpipe they are of
-processor time, all cores together, which other load on the machine hardly changes. Nothing here decides a test.
+The rooms are simulated: scenes of calib_data/scenes (projector 256x144, camera 320x180) and a textured wall out of
+focus (128x96, 160x120, σ of one projector pixel). The pictures are frames of the shipped clip. The optimum is by the
+box solver of tools/solve; figures are decibels of camera PSNR below it. Drives and milliseconds are the GPU player's.
+On llvmpipe they are processor time over all cores, which other load on the machine hardly changes.
 """
 
 import os
@@ -58,7 +58,10 @@ class StudyRoom:
     transport: Transport
 
     def best(self, b: FloatArray) -> FloatArray:
-        """The optimal drive of the box solver; b : (camera pixels, 3)."""
+        """Returns the optimal drive of the box solver.
+
+        b : (camera pixels, 3).
+        """
         mask = self.room.calibration.mask.ravel()
         return Box(self.transport.inside(mask), 1.0, TOLERANCE).solve(b * mask[:, None]).drive
 
@@ -78,7 +81,7 @@ def rooms(folder: Path) -> Iterator[StudyRoom]:
 
 
 def defocused() -> Transport:
-    """A wall of smooth random colours seen out of focus: a Gaussian around each camera pixel's place."""
+    """Returns a wall of smooth random colours out of focus: a Gaussian around each camera pixel's place."""
     (height, width), (rows, columns) = BLURRED_PROJECTOR, BLURRED_CAMERA
     y, x = np.mgrid[:rows, :columns].reshape(2, -1, 1)
     down, right = (y + 0.5) * height / rows - 0.5, (x + 0.5) * width / columns - 0.5
@@ -125,7 +128,7 @@ def renderers(study: StudyRoom, starts: Sequence[str] = STARTS) -> Iterator[dict
 
 
 def shown(made: dict[str, GlRenderer], from_s: float, count: int) -> Iterator[tuple[int, FloatArray]]:
-    """Upload `count` frames one after another; yields each one's number and b, (camera pixels, 3)."""
+    """Upload `count` consecutive frames; yields each frame's number and b, (camera pixels, 3)."""
     with MediaReader.open(CLIP) as reader:
         reader.seek(from_s)
         for renderer in made.values():
@@ -143,7 +146,7 @@ def shown(made: dict[str, GlRenderer], from_s: float, count: int) -> Iterator[tu
 
 @dataclass(frozen=True)
 class Cost:
-    """Milliseconds of a frame: before its first step, and of each step."""
+    """Milliseconds per frame: before its first step, and per step."""
 
     base: float
     step: float
@@ -156,7 +159,7 @@ class Cost:
 
 
 def costs(made: dict[str, GlRenderer]) -> dict[str, Cost]:
-    """Fastest of REPEATS runs, taken in turns."""
+    """Returns the costs, by the fastest of REPEATS runs in turns."""
     clock = clock_of(moderngl.get_context())
     fastest = {(start, steps): np.inf for start in made for steps in (1, MANY)}
     for _ in range(REPEATS):
@@ -175,7 +178,7 @@ def drive_of(renderer: GlRenderer, steps: int) -> FloatArray:
 
 
 def still(study: StudyRoom) -> None:
-    """One picture from every start, by steps; what the certificate says; other schedules; the far light kept fixed."""
+    """Print one picture from every start by steps, certificates, other schedules, and fixed far light."""
     with renderers(study, ("map", "direct", "grey")) as made:
         for _, b in shown(made, STILL_AT_S, 1):
             best = study.psnr(study.best(b), b)
@@ -199,7 +202,7 @@ def certified(renderer: GlRenderer, steps: int) -> str:
 
 
 def film(study: StudyRoom) -> None:
-    """Consecutive frames at equal steps and at equal milliseconds, those of so many steps from the previous frame."""
+    """Print consecutive frames at equal steps, and at equal milliseconds."""
     starts = ("previous", "previous-direct", "map", "direct")
     optima: list[float] = []
     with renderers(study, starts) as made:
@@ -219,7 +222,7 @@ def film(study: StudyRoom) -> None:
 
 
 def followed(study: StudyRoom, made: dict[str, GlRenderer], start: str, steps: int, optima: Sequence[float]) -> str:
-    """Mean (worst) decibels below each frame's optimum; the first frame has no previous one and is left out."""
+    """Returns the mean (worst) decibels below each frame's optimum, without the first frame."""
     below = [
         optima[index] - study.psnr(drive_of(made[start], steps), b)
         for index, b in shown({start: made[start]}, FILM_FROM_S, FILM_FRAMES)
@@ -231,7 +234,10 @@ Schedule = Callable[[int, FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 def descend(study: StudyRoom, p: FloatArray, b: FloatArray, best: float, schedule: Schedule) -> list[float]:
-    """Decibels below the optimum after STEPS, by numpy; schedule(step, q, p, y) gives the next y."""
+    """Returns decibels below the optimum after each of STEPS steps, computed with numpy.
+
+    schedule : function (step, q, p, y) that returns the next y.
+    """
     further = study.room.maps.refinement
     assert further is not None
     size, y, below = further.step_size.reshape(-1, 3).astype(float), p, []
@@ -282,7 +288,7 @@ def schedules(study: StudyRoom, start: FloatArray, b: FloatArray, best: float) -
 def plain_step(
     descent: FloatArray, y: FloatArray, p: FloatArray, size: FloatArray, momentum: float, over: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The player's step without ties, of (projector pixels, 3)."""
+    """Take the player's step without ties, on (projector pixels, 3)."""
     line = (1, len(y))
     descent, y, p, size = (each.reshape(*line, 3) for each in (descent, y, p, size))
     done = refinement_step(descent, y, p, size, Prior.none(line), momentum, over)
@@ -290,7 +296,7 @@ def plain_step(
 
 
 def fixed_far_light(study: StudyRoom, p: FloatArray, b: FloatArray, best: float) -> None:
-    """Steps through the near light alone, the far light being that of the start: what it costs and what it misses."""
+    """Print the cost and the loss of steps through the near light alone, with the far light of the start."""
     near = replace(study, transport=Transport(study.transport.near))
     further = study.room.maps.refinement
     assert further is not None

@@ -1,8 +1,7 @@
-"""How the row-map product grows: python -m tests.studies.scaling for docs/gpu.md and docs/scaling.png.
+"""Cost of the row-map product by size: python -m tests.studies.scaling for docs/gpu.md and docs/scaling.png.
 
-The fragment path at four sizes and four row lengths, a square of entries around each pixel's place. On llvmpipe,
-milliseconds are of processor time, all cores together, which other load on the machine hardly changes. Nothing here
-decides a test.
+The fragment path is measured at four sizes and four row lengths; a row is a square of entries around each pixel's
+place. On llvmpipe, milliseconds are processor time over all cores, which other load on the machine hardly changes.
 """
 
 import os
@@ -18,18 +17,18 @@ from counterlight.gl.row_map_pass import MapTextures
 from tests.bench.frames import CAMERA, PROJECTOR, clock_of, local_map
 
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "scaling.png"
-SCALES, SIDES = (1, 2, 3, 4), (2, 4, 6, 8)  # halves of the benchmark's sides; sides of a row's square of entries
+SCALES, SIDES = (1, 2, 3, 4), (2, 4, 6, 8)  # multiples of half the benchmark's sides; side of a row's square of entries
 REPEATS = 15
 
 
 def sizes() -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """(projector, camera) as (height, width) each."""
+    """Returns (projector, camera), (height, width) each."""
     half = [(side[0] // 2, side[1] // 2) for side in (PROJECTOR, CAMERA)]
     return [((k * half[0][0], k * half[0][1]), (k * half[1][0], k * half[1][1])) for k in SCALES]
 
 
 def measured(context: moderngl.Context) -> NDArray[np.float64]:
-    """Milliseconds, (size, row length): the fastest of REPEATS."""
+    """Returns milliseconds, (size, row length): the fastest of REPEATS."""
     rng = np.random.default_rng(1)
     clock = clock_of(context)
     found = np.empty((len(SCALES), len(SIDES)))
@@ -51,7 +50,7 @@ def measured(context: moderngl.Context) -> NDArray[np.float64]:
 
 
 def line(milliseconds: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Nanoseconds a pixel and an entry, by least squares of relative errors, and the largest relative error."""
+    """Returns nanoseconds per pixel and per entry, by least relative squares, and the largest relative error."""
     pixels = np.array([[projector[0] * projector[1]] * len(SIDES) for projector, _ in sizes()], float)
     terms = np.stack([pixels, pixels * np.square(SIDES)], axis=-1) / milliseconds[..., None]
     solution = np.linalg.lstsq(terms.reshape(-1, 2), np.ones(milliseconds.size), rcond=None)[0]
@@ -59,7 +58,7 @@ def line(milliseconds: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def draw(milliseconds: NDArray[np.float64]) -> None:
-    """Over the entries of a row, a line a size, and over the pixels, a line a row length."""
+    """Draw milliseconds over the entries of a row, a line per size, and over the pixels, a line per row length."""
     from matplotlib import pyplot
 
     entries = np.square(SIDES)

@@ -1,8 +1,8 @@
-"""What a second projector is for: python -m tests.studies.second_projector [PICTURE.png] (docs/displays.md).
+"""Uses of a second projector: python -m tests.studies.second_projector [PICTURE.png] (docs/displays.md).
 
-Four simulated rooms, each under its first projector, its second and both: a shadow that the other fills, a highlight
-that the other lights instead, brightness that adds up, a wall wider than either. Drives are the box optimum; the
-highlight is judged by an audience's camera elsewhere, of which nobody was told.
+The study shows four simulated rooms, each under its first projector, its second projector and both: a shadow that the
+other fills, a highlight that the other lights instead, brightness that adds up, and a wall wider than either picture.
+Drives are the box optimum. An audience's camera elsewhere, unknown to the product, judges the highlight.
 """
 
 import argparse
@@ -30,9 +30,10 @@ from tests.joint_rooms import lit_by
 
 CAMERA, PROJECTOR = (72, 96), (54, 72)
 STEPS = 400
-WIDTH = 192  # of each room in the picture
-BUST_SIDE, WALL_SIDE, COAT_SIDE = "[-0.6, 0.45, 2.1]", "[-0.5, 0.2, 2.1]", "[-1.4, 0.0, 2.2]"  # of the second one
-GREY = 0.5  # of white
+WIDTH = 192  # width of each room in the picture
+# positions of the second projector
+BUST_SIDE, WALL_SIDE, COAT_SIDE = "[-0.6, 0.45, 2.1]", "[-0.5, 0.2, 2.1]", "[-1.4, 0.0, 2.2]"
+GREY = 0.5  # share of white
 COATED = """
 [projector]
 width = 72
@@ -79,7 +80,7 @@ Room = tuple[Calibration, Transport]
 
 
 class Show:
-    """A picture in a room: what its drive gives, and how far that is from what was asked."""
+    """A picture in a room: the light of its drive, and its error."""
 
     def __init__(self, room: Room, wanted: FloatArray, *, avoid: bool = False) -> None:
         self._calibration, self._transport = room
@@ -99,13 +100,13 @@ def seen(room: Room, drive: FloatArray) -> FloatArray:
 
 
 def codes(light: FloatArray) -> FloatArray:
-    """sRGB code values of light in shares of white."""
+    """Returns sRGB code values of light in shares of white."""
     grid = np.linspace(0, 1, 4096)
     return np.asarray(np.interp(light, Response("srgb").to_linear(grid), 255 * grid))
 
 
 def pair(folder: Path, text: str, second: str) -> list[Scene]:
-    """A scene under its projector, and under one that stands at `second` and looks at the same place."""
+    """Returns a scene under its projector, and under a projector at `second` that looks at the same place."""
     return [load(folder, each) for each in (text, re.sub(r"position = .*", f"position = {second}", text, count=1))]
 
 
@@ -119,9 +120,9 @@ def white_of(room: Room) -> float:
 
 
 def compared(scenes: Sequence[Scene], *, alone: bool) -> tuple[list[Show], list[Room], float]:
-    """A photograph by the first projector, by the second and by both, at a white.
+    """Returns a photograph by the first projector, by the second and by both, with their rooms and the white.
 
-    alone : that which each reaches by itself, else that of both.
+    alone : use the white that each projector reaches by itself; otherwise the white of both.
     """
     rooms = [*(lit_by([scene]) for scene in scenes), lit_by(scenes)]
     white = min(map(white_of, rooms)) if alone else white_of(rooms[-1])
@@ -130,7 +131,7 @@ def compared(scenes: Sequence[Scene], *, alone: bool) -> tuple[list[Show], list[
 
 
 def shadow(folder: Path) -> tuple[list[str], list[FloatArray]]:
-    """A bust's shadow: pixels that get too little light for mid grey, and PSNR over what either lights."""
+    """Measure a bust's shadow: pixels that get too little light for mid grey, and PSNR over all lit pixels."""
     scenes = [each.resized(CAMERA, PROJECTOR) for each in pair(folder, shipped("statuette"), BUST_SIDE)]
     shows, rooms, white = compared(scenes, alone=True)
     where = rooms[-1][0].mask
@@ -147,7 +148,7 @@ def floodlit(room: Room) -> FloatArray:
 
 
 def brightness(folder: Path) -> tuple[list[str], list[FloatArray]]:
-    """The white that nine in ten pixels reach, and a photograph at that of both."""
+    """Measure the white that nine in ten pixels reach, and a photograph at the white of both."""
     scenes = [each.resized(CAMERA, PROJECTOR) for each in pair(folder, shipped("wall"), WALL_SIDE)]
     shows, rooms, white = compared(scenes, alone=False)
     where = rooms[-1][0].mask
@@ -159,7 +160,7 @@ def brightness(folder: Path) -> tuple[list[str], list[FloatArray]]:
 
 
 def wide(folder: Path) -> tuple[list[str], list[FloatArray]]:
-    """Two projectors side by side that overlap: what counts of the view, and grey along it."""
+    """Measure two overlapping projectors side by side: the share of the view that counts, and grey along it."""
     scenes = [load(folder, WIDE.format(projector=x)) for x in (-0.55, 0.55)]
     rooms = [lit_by([scenes[0]]), lit_by([scenes[1]]), lit_by(scenes)]
     where, white = rooms[2][0].mask, min(white_of(room) for room in rooms)
@@ -180,7 +181,7 @@ def wide(folder: Path) -> tuple[list[str], list[FloatArray]]:
 
 
 def highlight(folder: Path) -> tuple[list[str], list[FloatArray]]:
-    """Grey on a coat: in the first projector's highlight, what the camera sees and what the audience does."""
+    """Measure grey on a coat inside the first projector's highlight, for the camera and for the audience."""
     pairs = [pair(folder, COATED.format(camera=x), COAT_SIDE) for x in (CAMERA_X, AUDIENCE_X)]
     camera = [lit_by([each]) for each in pairs[0]] + [lit_by(pairs[0])] * 2
     audience = [lit_by([each]) for each in pairs[1]] + [lit_by(pairs[1])] * 2
@@ -206,7 +207,7 @@ def highlight(folder: Path) -> tuple[list[str], list[FloatArray]]:
 
 
 def spots_of(spot: BoolArray, scene: Scene, other: Scene) -> BoolArray:
-    """Where another camera sees what pixels of the first one do."""
+    """Returns where another camera sees the pixels of `spot`."""
     looks = looks_at(other, scene)
     x, y = (np.clip(looks[..., i].astype(int), 0, spot.shape[1 - i] - 1) for i in (0, 1))
     inside = (looks >= 0).all(axis=2) & (looks[..., 0] < spot.shape[1]) & (looks[..., 1] < spot.shape[0])

@@ -1,8 +1,7 @@
-"""Where pictures stand below the best one, estimated and in truth: python -m tests.studies.standing [ROOM …]
+"""True and estimated distance of pictures from the best picture: python -m tests.studies.standing [ROOM …]
 
 Prints the table of docs/refinement.md for calibration folders with their maps, or for the shipped scenes at half their
-size, which are simulated and built first. The truth is the box solver's to a relative gap of 1e-5, in Σ w (T p − b)².
-Nothing here decides a test.
+size, which are simulated and built first. The truth is by the box solver to a relative gap of 1e-5, in Σ w (T p − b)².
 """
 
 import sys
@@ -30,7 +29,7 @@ TOLERANCE = 1e-5
 
 
 def rows(folder: Path) -> Iterator[tuple[str, str, int, float, float, float, str]]:
-    """Picture, start, steps, dB below the optimum in truth, estimated, certified; and the squares solved."""
+    """Yield picture, start, steps, true, estimated and certified dB below the optimum, and the squares solved."""
     room, stored = read_room(folder, None), calibration.read(folder)
     objective = objective_of(read_transport(stored), stored.calibration, DEFAULT_AIMS).unweighted
     assert room.maps.refinement is not None
@@ -58,7 +57,7 @@ def main() -> None:
 
 
 def shipped(folder: Path) -> Iterator[Path]:
-    """The scenes that ship, at half their size, built by the commands."""
+    """Yield the shipped scenes at half their size, built by the commands."""
     for name, path in shipped_scenes().items():
         scene = load_scene(path)
         camera, projector = (f"{device.width // 2}x{device.height // 2}" for device in (scene.camera, scene.projector))

@@ -1,8 +1,8 @@
-"""The thesis' Table 6.1 by itself, or some of its rows: python -m tests.studies.table_6_1 [--scene wall two_planes].
+"""The thesis' Table 6.1, whole or some rows: python -m tests.studies.table_6_1 [--scene wall two_planes].
 
-What `counterlight study --table-6-1` measures after its study of the shipped rooms at small sizes: simulation,
+Measures what `counterlight study --table-6-1` measures after its study of the shipped rooms at small sizes: simulation,
 acquisition and every method at the thesis' sizes. Prints rows of docs/table_6_1.md as they are known. All of it is
-simulated. Nothing here decides a test.
+simulated.
 """
 
 import argparse

@@ -1,7 +1,8 @@
-"""What overlap costs: python -m tests.studies.two_projectors (docs/displays.md).
+"""Cost of overlap: python -m tests.studies.two_projectors (docs/displays.md).
 
-The scene `wall` under its projector, under one at the other side, and under both, which light every camera pixel: the
-white that nine in ten reach, a photograph at two whites, and what T⁺ and the build take. All of it is simulated.
+The scene `wall` is shown under its projector, under a projector at the other side, and under both, which light every
+camera pixel. The figures are the white that nine in ten pixels reach, a photograph at two whites, and the cost of T⁺
+and the build. All of it is simulated.
 """
 
 import tempfile
@@ -23,14 +24,14 @@ WHITES, STEPS = (0.29, 0.5), (0, 4)
 
 
 def rooms() -> list[cl.Room]:
-    """Under the first projector, the second, both."""
+    """Returns the room under the first projector, the second, and both."""
     with tempfile.TemporaryDirectory() as name:
         scenes = [each.resized(CAMERA, PROJECTOR) for each in pair(Path(name), shipped("wall"), WALL_SIDE)]
     return [cl.Room(*lit_by(each)) for each in (scenes[:1], scenes[1:], scenes)]
 
 
 def decibels(room: cl.Room, maps: object, white: float) -> str:
-    """Of a photograph after each number of steps."""
+    """Returns PSNR of a photograph after each number of steps."""
     wanted = BUILT_IN["photograph"](room.camera)
     with cl.Renderer(room, maps, backend="cpu", white=white) as renderer:
         errors = [room.seen(renderer.render(wanted, refine=steps)) / white - wanted for steps in STEPS]

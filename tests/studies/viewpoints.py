@@ -1,8 +1,9 @@
 """Viewers that move: python -m tests.studies.viewpoints [--price] (docs/viewpoints.md).
 
-Shipped scenes, small, and the simulator's truth at 11 viewpoints on a line in front of each, of which most were never
-calibrated: how far below the best drive for that viewpoint what is shown from 1, 2, 4 and 8 calibrated views is, made
-in several ways. A picture lies on the wall, whoever looks. `--price`: milliseconds and memory by the number of views.
+The rooms are shipped scenes, small. The simulator computes the truth at 11 viewpoints on a line in front of each room,
+most of them never calibrated. The figure is how far the shown drive is below the best drive for that viewpoint. Drives
+come from 1, 2, 4 and 8 calibrated views, made in several ways. A picture lies on the wall for every viewer. `--price`
+prints milliseconds and memory by the number of views.
 """
 
 import argparse
@@ -56,9 +57,12 @@ ROUGH = "gloss = { reflectance = 0.06, roughness = 0.35 }"
 
 @dataclass(frozen=True)
 class Subject:
-    """A shipped scene; span : metres to either side of its camera.  added : to its first surface.
+    """A shipped scene.
 
     Light between surfaces is left out: it hardly depends on the viewer, and makes every T dense.
+
+    span : metres to either side of its camera.
+    added : TOML added to its first surface.
     """
 
     scene: str
@@ -77,7 +81,7 @@ SUBJECTS = {
 
 @dataclass(frozen=True)
 class Seen:
-    """What there is at one viewpoint: the room, its T, and the best drive for it."""
+    """The truth at one viewpoint: the room, its T, and the best drive for it."""
 
     room: Calibration
     transport: Transport
@@ -86,7 +90,7 @@ class Seen:
     best: FloatArray
 
     def db(self, drive: FloatArray) -> float:
-        """Below the best, of PSNR over the pixels that the projector lights directly."""
+        """Returns dB of PSNR below the best, over the pixels that the projector lights directly."""
         return self.psnr(self.best) - self.psnr(drive)
 
     def psnr(self, drive: FloatArray) -> float:
@@ -95,7 +99,10 @@ class Seen:
 
 
 class Line:
-    """The truth along the line.  positions : viewpoints' x in metres."""
+    """The truth along the line.
+
+    positions : viewpoints' x in metres.
+    """
 
     def __init__(self, subject: Subject, folder: Path) -> None:
         self.positions, self.white = np.linspace(-subject.span, subject.span, COUNT), subject.white
@@ -106,7 +113,7 @@ class Line:
         self.frame: Frame = rgb_frame(self._codes)
 
     def at(self, number: int) -> Seen:
-        """At a viewpoint, from 0; simulated when first asked for."""
+        """Returns the truth at a viewpoint, numbered from 0; simulated on the first call."""
         if number not in self._seen:
             self._seen[number] = self._made(self._views[number], self._views[0])
         return self._seen[number]
@@ -138,7 +145,7 @@ def _scene(subject: Subject, folder: Path, positions: FloatArray) -> Scene:
 
 
 def _looks_at(view: Scene, reference: Scene) -> FloatArray:
-    """Where the reference camera sees the wall place that each pixel looks at, glass taken away; by geometry alone."""
+    """Returns the position in the reference picture of the wall point behind each pixel, ignoring glass."""
     directions, _ = view.camera.pixel_rays(range(view.camera.height), 1)
     solid = [surface for surface in view.surfaces if surface.material.dielectric is None]
     x, y, _ = reference.camera.project(trace(view.camera.position, directions, solid).point)
@@ -147,7 +154,7 @@ def _looks_at(view: Scene, reference: Scene) -> FloatArray:
 
 
 def set_of(rooms: Sequence[tuple[Calibration, Transport]], places: Places, white: float) -> Room:
-    """What the player reads of a set that was built without T⁺."""
+    """Returns what the player reads of a set that was built without T⁺."""
     maps = [build_maps(tier_of(*room), InverseOptions(inverse="none")).maps for room in rooms]
     first, *others = (
         Room(room, made, white, "none", "previous-direct")
@@ -157,7 +164,7 @@ def set_of(rooms: Sequence[tuple[Calibration, Transport]], places: Places, white
 
 
 class Player:
-    """A set of views, played."""
+    """A player for a set of views."""
 
     def __init__(self, room: Room, frame: Frame) -> None:
         self._renderer, self._frame = CpuRenderer(room), frame
@@ -172,7 +179,7 @@ class Player:
 
 
 def interpolated(line: Line, views: Sequence[int], shares: FloatArray) -> FloatArray:
-    """The best drive for Σ λ T and Σ λ e of the views around, row by row of the screen, solved to the end."""
+    """Returns the best drive for Σ λ T and Σ λ e of the surrounding views, row by row of the screen."""
     parts = [(share, line.at(view)) for share, view in zip(shares, views, strict=True) if share > 0]
     onto = [(share, seen, *_onto_screen(seen.room)) for share, seen in parts]
     total = np.sum([share * known for share, _, _, known in onto], axis=0)
@@ -188,7 +195,7 @@ def interpolated(line: Line, views: Sequence[int], shares: FloatArray) -> FloatA
 
 
 def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
-    """Pixels of the screen as means of the camera pixels that look there, and how much of each is known, 0 to 1."""
+    """Returns screen pixels as means of the camera pixels that look there, and which are known, 0 or 1."""
     assert room.screen is not None
     at, counts = room.screen.positions.reshape(-1, 2) - 0.5, room.mask.ravel()
     corner, (height, width) = np.floor(at).astype(np.int64), room.screen.shape
@@ -201,12 +208,12 @@ def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
     weights, rows, columns = (np.concatenate(each) for each in zip(*entries, strict=True))
     R = sparse.csr_array((weights, (rows, columns)), (height * width, counts.size))
     total = np.asarray(R.sum(axis=1)).ravel()
-    known = total > 0.05  # of a pixel: else nobody looks there
+    known = total > 0.05  # share of a pixel; below it no camera pixel looks there
     return Csr(sparse.diags_array(np.divide(1, total, out=np.zeros_like(total), where=known)) @ R), known.astype(float)
 
 
 def own_screen(line: Line, views: Sequence[int]) -> list[tuple[Calibration, Transport]]:
-    """The views as `join --at` places them, by T alone; the screen is the first one's view, as the truth's is."""
+    """Returns the views as `join --at` places them, by T alone; the screen is the first view, as for the truth."""
     rooms, transports = zip(
         *((replace(line.at(view).room, screen=None), line.at(view).transport) for view in views), strict=True
     )
@@ -220,7 +227,7 @@ def own_screen(line: Line, views: Sequence[int]) -> list[tuple[Calibration, Tran
 
 
 def placing_error(line: Line, views: Sequence[int]) -> FloatArray:
-    """How far the pixels of the views that count are from where geometry says that they look, in the first's pixels."""
+    """Returns how far counted pixels are placed from their true places, in pixels of the first view."""
     found = []
     for view, (room, _) in zip(views, own_screen(line, views), strict=True):
         truth = line.at(view).room.screen
@@ -231,7 +238,7 @@ def placing_error(line: Line, views: Sequence[int]) -> FloatArray:
 
 
 def compared(line: Line, count: int) -> dict[str, list[float]]:
-    """dB below each viewpoint's best, by the way that the drive is made."""
+    """Returns dB below each viewpoint's best, by the way in which the drive is made."""
     views, best = SETS[count], [line.at(view).best for view in SETS[count]]
     places = line.placed(views)
     exact = [(line.at(view).room, line.at(view).transport) for view in views]
@@ -255,7 +262,7 @@ def compared(line: Line, count: int) -> dict[str, list[float]]:
 
 
 def company(line: Line, count: int) -> tuple[list[float], list[float]]:
-    """What each of several viewers, one at each view, loses: of one drive for all, and of the best for the first."""
+    """Returns the losses of several viewers, one per view: by one drive for all, and by the best for the first."""
     views = SETS[count]
     rooms = [(line.at(view).room, line.at(view).transport) for view in views]
     together = Player(set_of(rooms, line.placed(views), line.white), line.frame).drive("all", TO_THE_END)
@@ -291,7 +298,7 @@ def errors(name: str) -> None:
 
 
 def picture(name: str, file: Path) -> None:
-    """Errors in the middle between two views, of lit pixels: nearest view, drives blended, solved between, the best."""
+    """Write errors of lit pixels midway between two views: nearest view, drives blended, solved between, the best."""
     with TemporaryDirectory() as folder:
         line = Line(SUBJECTS[name], Path(folder))
     views, seen = SETS[2], line.at(COUNT // 2)
@@ -306,7 +313,7 @@ def picture(name: str, file: Path) -> None:
 
 
 def _error_codes(seen: Seen, drive: FloatArray) -> FloatArray:
-    """Mean of the channels' distances from what is wanted, code values, (height, width); 0 where no pixel counts."""
+    """Returns the channels' mean absolute error in code values, (height, width); 0 where no pixel counts."""
     found = seen.transport.apply(drive).reshape(seen.wanted.shape) + seen.room.ambient
     codes = [255 * _srgb(np.clip(light / seen.white, 0, 1)) for light in (found, seen.wanted)]
     return np.asarray(np.abs(codes[0] - codes[1]).mean(axis=2) * seen.room.mask)
@@ -317,7 +324,7 @@ FRAMES, MIB = 12, 2**20
 
 
 def price() -> None:
-    """Processor time of a frame of the CPU's renderer, and what it holds, by the number of views."""
+    """Print processor time per frame of the CPU renderer, and its memory, by the number of views."""
     path = shipped_scenes()["wall"]
     scene = load_scene(path).resized(*PRICED)
     result = simulate(scene)
@@ -345,7 +352,7 @@ def price() -> None:
 
 
 def _milliseconds(room: Room, frame: Frame, places: Sequence[object]) -> float:
-    """Median processor time of a frame, and of the viewer's step before it."""
+    """Returns the median processor time of a frame and of the change of viewpoint before it."""
     renderer, took = CpuRenderer(room), []
     renderer.open(frame.format)
     for place in [places[0], *places]:

@@ -1,7 +1,7 @@
-"""Which way light came in shipped rooms, from T alone: python -m tests.studies.ways [PICTURE.png] (docs/ways.md).
+"""The way of light in shipped rooms, from T alone: python -m tests.studies.ways [PICTURE.png] (docs/ways.md).
 
-Beside each room under full light its pixels by the way of their light, and how many surfaces say of which: what of the
-wax, of the glass (seen through it) and of the card out of focus is told, and how much elsewhere.
+The picture shows each room under full light and its pixels by the way of their light. The table states how much of the
+wax, of the glass (seen through it) and of the card out of focus is recognised, and how much elsewhere.
 """
 
 import argparse
@@ -22,14 +22,14 @@ from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, WAYS, Way, Ways, ways_of
 
 CAMERA, PROJECTOR = (72, 96), (72, 96)
-ROOMS = {  # name: which way, and of which surface; None where all surfaces have it
+ROOMS = {  # name: way, and number of its surface; None where all surfaces have it
     "wall": (BOUNCED, None),
     "corner": (BOUNCED, None),
     "skull": (SCATTERED, 1),
     "glass": (BENT, 1),
     "two_planes": (BLURRED, 1),
 }
-OPEN = "aperture = 0.05", "aperture = 0.2"  # of two_planes: at this size the shipped one is nearly sharp
+OPEN = "aperture = 0.05", "aperture = 0.2"  # change of two_planes, which is nearly sharp at this size as shipped
 
 
 def scene_of(name: str, folder: Path) -> Scene:
@@ -38,7 +38,7 @@ def scene_of(name: str, folder: Path) -> Scene:
 
 
 def surface(scene: Scene, number: int | None) -> BoolArray:
-    """The camera pixels that see it."""
+    """Returns the camera pixels that see a surface."""
     directions, _ = scene.camera.pixel_rays(range(CAMERA[0]), 1)
     hit = trace(scene.camera.position, directions, scene.surfaces).surface.reshape(CAMERA)
     return np.asarray(hit >= 0 if number is None else hit == number)

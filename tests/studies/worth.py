@@ -1,8 +1,8 @@
-"""Does `counterlight simulate --within` keep its promise: python -m tests.studies.worth [--width 160] [--rooms 6].
+"""Accuracy of `counterlight simulate --within`: python -m tests.studies.worth [--width 160] [--rooms 6].
 
-Shipped scenes and rooms drawn by chance, each simulated whole and with the effects that a tolerance calls for, at a
-size that nobody judged. The room without is off by the larger of what its drive loses in the whole room, and of what it
-promises too much or too little; the worst of the pictures. Simulated; seconds are of one processor.
+Shipped scenes and random rooms are simulated whole and with the effects that a tolerance calls for, at a size that was
+not judged. The error of the reduced room is the larger of two: the loss of its drive in the whole room, and the error
+of its predicted PSNR. The worst picture counts. All of it is simulated; seconds are of one processor.
 """
 
 import argparse
@@ -75,7 +75,7 @@ def _off_by(whole: cl.Room, lacking: cl.Room) -> float:
 
 
 def _random_room(folder: Path, seed: int) -> Path:
-    """A wall, a floor, and cards, balls and reliefs of any material before them; lenses more or less in focus."""
+    """Write a wall, a floor, and cards and balls of random materials before them; lenses have random focus."""
     rng = np.random.default_rng(seed)
     path = folder / f"room{seed}.toml"
     lens = f"aperture = {rng.choice([0, 0.002, 0.01, 0.03]):g}\nfocus_distance = {rng.uniform(1.8, 2.4):.3f}\n"

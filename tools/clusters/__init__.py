@@ -1,7 +1,7 @@
-"""Clusters: independent parts of the light transport, each a linear system of its own (thesis 4.2.1 to 4.2.3).
+"""Clusters: independent parts of the light transport, each a separate linear system (thesis 4.2.1 to 4.2.3).
 
-components.py labels them, decomposition.py cuts large ones (Appendix A), search.py finds how far to cut for a given
-size; connections.py is the graph, energy.py the fit after the cut, blocks.py clusters as dense blocks, jobs.py works on
-them on all cores, finite.py is what is refused. May import numpy, scipy, command, errors and tools.transport.
-Read next: decomposition.py.
+components.py labels clusters, decomposition.py cuts large ones (Appendix A), and search.py finds the cut for a given
+size. connections.py is the graph, energy.py the fit after the cut, blocks.py arranges clusters as dense blocks, and
+finite.py refuses bad numbers. May import numpy, scipy, command, errors and tools.transport. Read next:
+decomposition.py.
 """

@@ -1,4 +1,4 @@
-"""Clusters as dense blocks, batched by equal shape, so that numpy's batched linear algebra can take many at once."""
+"""Clusters as dense blocks, batched by equal shape for numpy's batched linear algebra."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Entries:
-    """A matrix's entries sorted by cluster; `start` (clusters + 1,) says where each cluster's begin."""
+    """A matrix's entries sorted by cluster; `start`, (clusters + 1,), says where the entries of each cluster begin."""
 
     start: IntArray
     camera: IntArray
@@ -31,7 +31,7 @@ class Entries:
 
 
 class ClusterBlocks:
-    """The chosen clusters of a matrix, or of several with the same clusters."""
+    """The chosen clusters of a matrix, or of several matrices with the same clusters."""
 
     def __init__(self, clusters: Clusters, chosen: NDArray[np.bool_]) -> None:
         """chosen : (clusters,) bool."""
@@ -40,7 +40,7 @@ class ClusterBlocks:
         self._projector = _Places(clusters.projector, clusters.count)
 
     def batches(self, batch_values: int) -> Iterator[Batch]:
-        """Every chosen cluster once; a batch's blocks hold about `batch_values` values at most, or one cluster."""
+        """Yield every chosen cluster once. A batch has at most about `batch_values` values, or one cluster."""
         labels = np.flatnonzero(self._chosen)
         shapes = self._clusters.camera_sizes[labels], self._clusters.projector_sizes[labels]
         labels = labels[np.lexsort(shapes[::-1])]
@@ -53,7 +53,7 @@ class ClusterBlocks:
                     yield Batch(batch, self._camera.pixels(batch, m), self._projector.pixels(batch, n))
 
     def entries(self, T: Csr) -> Entries:
-        """T's entries in the chosen clusters, (camera pixels, projector pixels)."""
+        """Return T's entries in the chosen clusters. T : (camera pixels, projector pixels)."""
         camera = np.repeat(np.arange(T.shape[0]), np.diff(T.indptr))
         labels = self._clusters.camera[camera]
         order = np.argsort(labels, kind="stable")
@@ -63,7 +63,7 @@ class ClusterBlocks:
         return Entries(start, camera[order], projector, T.data[order].astype(np.float64))
 
     def dense(self, entries: Entries, batch: Batch) -> FloatArray:
-        """The batch's blocks, (k, m, n) float64."""
+        """Return the batch's blocks, (k, m, n) float64."""
         first = entries.start[batch.labels]
         lengths = entries.start[batch.labels + 1] - first
         at = np.repeat(first - np.cumsum(lengths) + lengths, lengths) + np.arange(lengths.sum())
@@ -84,6 +84,6 @@ class _Places:
         self.place[self._order] = np.arange(self._order.size) - self._start[labels[self._order]]
 
     def pixels(self, labels: IntArray, size: int) -> IntArray:
-        """Pixels (k, size) of clusters (k,) that all have `size`."""
+        """Return pixels (k, size) of clusters (k,) that all have `size`."""
         pixels: IntArray = self._order[self._start[labels][:, None] + np.arange(size)]
         return pixels

@@ -14,8 +14,8 @@ from counterlight.tools.transport.transport import Csr
 class Clusters:
     """A label per pixel, −1 for pixels without any connection.
 
-    camera, projector : (pixels,) int64 labels 0 … count − 1.
-    camera_sizes, projector_sizes : (count,) pixels in each cluster.
+    camera, projector : (pixels,) int64. Labels 0 … count − 1.
+    camera_sizes, projector_sizes : (count,). Pixels in each cluster.
     """
 
     camera: NDArray[np.int64]
@@ -29,15 +29,15 @@ class Clusters:
 
 
 def no_clusters(shape: tuple[int, int]) -> Clusters:
-    """Every pixel without a label; shape : (camera pixels, projector pixels)."""
+    """Return clusters without any labelled pixel. shape : (camera pixels, projector pixels)."""
     camera, projector = (np.full(pixels, -1, np.int64) for pixels in shape)
     return Clusters(camera, projector, np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 def find_clusters(pattern: Csr) -> Clusters:
-    """Label the connected components of a (camera pixels, projector pixels) matrix; unconnected pixels get none.
+    """Label the connected components of a (camera pixels, projector pixels) matrix; unconnected pixels get −1.
 
-    Labels rise with the first camera pixel of each.
+    Labels increase with the first camera pixel of each component.
     """
     rows, columns = pattern.shape
     label, count = _labels(pattern.indptr, pattern.indices, columns)
@@ -48,9 +48,10 @@ def find_clusters(pattern: Csr) -> Clusters:
 
 @kept(nogil=True)
 def largest_cluster(camera: IntArray, projector: IntArray, keep: BoolArray, rows: int, columns: int) -> int:
-    """The most projector pixels that the kept ones of some connections hold together; a search asks some twenty times.
+    """Return the largest number of projector pixels that kept connections join; a search calls this about twenty times.
 
-    camera, projector, keep : (connections,).  rows, columns : camera and projector pixels.
+    camera, projector, keep : (connections,).
+    rows, columns : number of camera and projector pixels.
     """
     parent, sizes = np.arange(rows + columns), np.zeros(rows, np.int64)
     for k in range(keep.size):
@@ -58,16 +59,16 @@ def largest_cluster(camera: IntArray, projector: IntArray, keep: BoolArray, rows
             _join(parent, camera[k], rows + projector[k])
     for column in range(columns):
         root = _root(parent, rows + column)
-        if root < rows:  # a camera pixel: of a projector pixel alone, itself
+        if root < rows:  # a camera pixel; an isolated projector pixel is its own root
             sizes[root] += 1
     return sizes.max() if rows else 0
 
 
 @kept(nogil=True)
 def _labels(indptr: IntArray, indices: IntArray, columns: int) -> tuple[IntArray, int]:
-    """Of camera and then projector pixels, and how many there are, by disjoint sets, each rooted in its first pixel.
+    """Return labels of camera, then projector pixels, and their number, by disjoint sets rooted in the first pixel.
 
-    Scipy's, of float64 links both ways, takes several times as long.
+    Scipy's function, with float64 links in both directions, takes several times as long.
     """
     rows = indptr.size - 1
     parent = np.arange(rows + columns)

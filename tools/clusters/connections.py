@@ -15,10 +15,12 @@ from counterlight.tools.transport.transport import CHANNELS, Csr, luminance
 
 @dataclass(frozen=True)
 class Connections:
-    """Every pair of a camera and a projector pixel that any channel connects, by camera, then by projector pixel.
+    """Every pair of camera and projector pixel that any channel connects, sorted by camera, then projector pixel.
 
-    camera, projector : (connections,) pixel indices.  weights : (connections, 3) float32, radiance per unit drive.
-    luminance : (connections,) float64 > 0.  shape : (camera pixels, projector pixels).
+    camera, projector : (connections,). Pixel indices.
+    weights : (connections, 3) float32. Radiance per unit drive.
+    luminance : (connections,) float64, > 0.
+    shape : (camera pixels, projector pixels).
     """
 
     camera: IntArray
@@ -29,16 +31,16 @@ class Connections:
 
     @cached_property
     def ends(self) -> IntArray:
-        """Where each camera pixel's connections end, (camera pixels,)."""
+        """The end of each camera pixel's connections, (camera pixels,)."""
         return np.cumsum(np.bincount(self.camera, minlength=self.shape[0]))
 
     def pattern(self, keep: BoolArray) -> Csr:
-        """The kept connections as a matrix of ones."""
+        """Return the kept connections as a matrix of ones."""
         projector = self.projector[keep]
         return sparse.csr_array((np.ones(projector.size, np.int8), projector, self._indptr(keep)), shape=self.shape)
 
     def rows(self, keep: BoolArray, weights: NDArray[np.float32]) -> SparseRows:
-        """The kept connections with new weights (kept, 3)."""
+        """Return the kept connections with new weights, (kept, 3)."""
         return SparseRows(self._indptr(keep), self.projector[keep], weights, self.shape[1])
 
     def _indptr(self, keep: BoolArray) -> IntArray:
@@ -47,9 +49,10 @@ class Connections:
 
 
 def connections_of(near: SparseRows, camera_shape: tuple[int, int], projector_shape: tuple[int, int]) -> Connections:
-    """The graph of T, (camera pixels, projector pixels) without duplicates.
+    """Return the graph of T, (camera pixels, projector pixels) without duplicates.
 
     camera_shape, projector_shape : (height, width).
+
     Raises InputError if T has another size, or entries that are negative or not finite.
     """
     shape = camera_shape[0] * camera_shape[1], projector_shape[0] * projector_shape[1]

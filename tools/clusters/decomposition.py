@@ -1,21 +1,22 @@
-"""Cutting clusters apart: local overlaps go, light from elsewhere stays (thesis 4.2.2, Appendix A).
+"""Cuts clusters: local overlaps are removed, light from elsewhere stays (thesis 4.2.2, Appendix A).
 
-What a camera pixel sees is grouped into blocks of neighbouring projector pixels, each around the strongest connection
-that no block has yet. Within a block, connections of at most τ₁ times the strongest are removed. A projector pixel
-that lost all of its connections gets back those of at least τ₂ times its strongest. Energy is then fitted (energy.py).
+The projector pixels that a camera pixel sees are grouped into blocks of neighbours, each around the strongest
+connection that is in no block yet. Within a block, connections of at most τ₁ times the strongest are removed. A
+projector pixel that lost all connections gets back those of at least τ₂ times its strongest. Energy is then fitted
+(energy.py).
 
-Where the pseudo-code leaves a choice, this is the reading taken:
+The pseudo-code leaves some choices, which are made as follows:
 
-- Distance is Euclidean on the projector's pixel grid, so that a radius of 1 takes "only direct neighbor pixels".
-- A weight is the luminance (BT.709) of the three channels, so that they keep one pattern. Equal weights: the lower
+- Distance is Euclidean on the projector's pixel grid, so that a radius of 1 includes "only direct neighbor pixels".
+- A weight is the luminance (BT.709) of the three channels, so that they keep one pattern. For equal weights, the lower
   projector index comes first (the pseudo-code takes any).
-- Blocks do not overlap: "connected projector pixels of k" are those that RemoveBlockEntryConnections has left. It takes
-  them off the list that is being searched, not out of the graph.
-- A block's strongest connection is never removed. Taken literally, τ₁ = 1 would remove it too (luminance ≤ luminance)
-  and leave camera pixels without light; below 1 there is no difference. So τ₁ = 1 means one connection per block.
-  It follows that a camera pixel which had connections always keeps one.
-- Cut-off projector pixels are looked for once, after all camera pixels. Their strongest connection is the strongest
-  of the original ones, and each of them is on its own: no order matters.
+- Blocks do not overlap: "connected projector pixels of k" are those left by RemoveBlockEntryConnections. That step
+  removes them from the searched list, not from the graph.
+- A block's strongest connection is never removed. Taken literally, τ₁ = 1 would also remove it (luminance ≤ luminance)
+  and leave camera pixels without light; below 1 there is no difference. Here, τ₁ = 1 means one connection per block. A
+  camera pixel with connections therefore always keeps one.
+- Cut-off projector pixels are searched once, after all camera pixels. Their strongest connection is the strongest
+  original one, and each is treated separately, so order does not matter.
 - The energy fit comes last, so reinserted connections enter it with their original weight.
 """
 
@@ -37,7 +38,7 @@ from counterlight.tools.clusters.neighbourhoods import strongest_of_block
 
 @dataclass(frozen=True)
 class Parameters:
-    """How far to cut.
+    """Parameters of a cut.
 
     radius : of a neighbourhood, projector pixels; 0 or τ₁ = 0 cuts nothing. Thesis: 1 to 15.
     tau_1 : connections of at most this fraction of their block's strongest are removed, 0..1; 1 leaves the strongest.
@@ -58,9 +59,10 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Report:
-    """What a decomposition did: connections of all camera pixels, and clusters left.
+    """The outcome of a decomposition: connections before and after, and clusters.
 
-    saved_pixels : projector pixels that τ₂ reconnected.  largest_cluster : in projector pixels.
+    saved_pixels : projector pixels that τ₂ reconnected.
+    largest_cluster : in projector pixels.
     """
 
     connections_before: int
@@ -72,7 +74,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """T with fewer connections, float32, and what was done."""
+    """T with fewer connections, float32, and the report."""
 
     near: SparseRows
     report: Report
@@ -83,9 +85,10 @@ def decompose(
 ) -> Decomposition:
     """Cut the clusters of T (thesis Appendix A) and fit the energy (4.2.3).
 
-    near : T, (camera pixels, projector pixels), float32, ≥ 0; only camera pixels that count may have entries, else
-    the others hold clusters together and save projector pixels that nobody sees.
+    near : T, (camera pixels, projector pixels), float32, ≥ 0. Only camera pixels that count may have entries; others
+        would hold clusters together and save unseen projector pixels.
     camera_shape, projector_shape : (height, width).
+
     Raises InputError if T has another size, or entries that are negative or not finite.
     """
     graph = connections_of(near, camera_shape, projector_shape)
@@ -94,7 +97,7 @@ def decompose(
 
 
 def by_strength(graph: Connections) -> IntArray:
-    """Connections ordered by camera pixel, the strongest first, ties by projector pixel."""
+    """Return connections sorted by camera pixel, strongest first, equal ones by projector pixel."""
     return np.asarray(_by_strength(graph.ends, graph.luminance))
 
 
@@ -108,10 +111,11 @@ def _by_strength(ends: IntArray, luminance: FloatArray) -> IntArray:
 
 
 def cut(graph: Connections, strongest: IntArray, tau_1: float, tau_2: float) -> tuple[BoolArray, int]:
-    """RemoveLowerConnections and ReinsertHigherConnections of Appendix A.
+    """Apply RemoveLowerConnections and ReinsertHigherConnections of Appendix A.
 
     strongest : from `strongest_of_block`.
-    Returns which connections stay, (connections,), and the number of projector pixels that τ₂ reconnected.
+
+    Returns the connections that stay, (connections,) bool, and the number of projector pixels that τ₂ reconnected.
     """
     keep = graph.luminance > tau_1 * graph.luminance[strongest]
     keep[strongest] = True
@@ -125,7 +129,7 @@ def cut(graph: Connections, strongest: IntArray, tau_1: float, tau_2: float) -> 
 
 
 def decomposed(graph: Connections, keep: BoolArray, saved_pixels: int) -> Decomposition:
-    """The kept connections, energy fitted, with their report."""
+    """Return the kept connections with fitted energy, and their report."""
     clusters = find_clusters(graph.pattern(keep))
     largest = int(clusters.projector_sizes.max(initial=0))
     report = Report(keep.size, int(np.count_nonzero(keep)), saved_pixels, largest, clusters.count)

@@ -1,4 +1,4 @@
-"""Energy after the cut: what was removed goes to what is left, so that the floodlit room stays (thesis 4.2.3)."""
+"""Energy fit after the cut: removed light is given to the remaining connections of its camera pixel (thesis 4.2.3)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +8,11 @@ from counterlight.tools.clusters.connections import Connections
 
 
 def fit_composition(graph: Connections, keep: BoolArray) -> NDArray[np.float32]:
-    """Rescale what each camera pixel keeps so that its composition is what it was: Σ_j T'_kj = Σ_j T_kj.
+    """Rescale each camera pixel's kept connections to preserve its composition: Σ_j T'_kj = Σ_j T_kj.
 
-    Each channel has its own factor (Σ_j T_kj) / (Σ_j kept T_kj). Where a camera pixel keeps connections but none that
-    carries a channel, no factor brings that channel back: it goes to the kept connections by their luminance.
+    Each channel has its own factor (Σ_j T_kj) / (Σ_j kept T_kj). If no kept connection carries a channel, no factor can
+    restore it; its light is then distributed over the kept connections by luminance.
+
     Returns (kept connections, 3).
     """
     camera, luminance = graph.camera[keep], graph.luminance[keep]
@@ -27,4 +28,4 @@ def fit_composition(graph: Connections, keep: BoolArray) -> NDArray[np.float32]:
 
 
 def _sums(camera: NDArray[np.int64], weights: NDArray[np.floating], camera_pixels: int) -> FloatArray:
-    return np.bincount(camera, weights=weights, minlength=camera_pixels).astype(np.float64)  # of nothing: integers
+    return np.bincount(camera, weights=weights, minlength=camera_pixels).astype(np.float64)  # empty sums are integers

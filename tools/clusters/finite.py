@@ -1,4 +1,4 @@
-"""What no solver can take: a transport or a target that is not finite, refused by the cluster that holds it."""
+"""Refuses transports and targets that are not finite, naming the cluster that holds the bad number."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,18 +8,19 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.transport.transport import luminance_matrix
 
-FLOAT32 = np.finfo(np.float32)  # what T and pictures are stored in; squares of its numbers fit float64
+FLOAT32 = np.finfo(np.float32)  # the stored type of T and pictures; squares of float32 numbers fit float64
 CAUSES = "likely causes: a division by a black floodlight picture, a saturated capture, or another unit of radiance"
 
 
 class NonFiniteError(InputError):
-    """T or b holds NaN or infinity, numbers beyond float32, or such that a solver overflows."""
+    """T or b holds NaN or infinity, numbers beyond float32, or numbers that make a solver overflow."""
 
 
 def refuse_not_finite(near: SparseRows, target: NDArray[np.float64]) -> None:
-    """NonFiniteError naming the first cluster in which T or b is not finite, or beyond float32.
+    """Raise NonFiniteError with the first cluster in which T or b is not finite, or beyond float32.
 
-    near : T, (camera pixels, projector pixels).  target : b, (camera pixels, 3).
+    near : T, (camera pixels, projector pixels).
+    target : b, (camera pixels, 3).
     """
     size = np.abs(near.weights)
     seen = (size == 0) | (np.fmax.reduce(size, axis=0, initial=0.0) >= FLOAT32.smallest_subnormal)
@@ -39,7 +40,7 @@ def refuse_not_finite(near: SparseRows, target: NDArray[np.float64]) -> None:
 
 
 def describe_cluster(clusters: Clusters, label: int) -> str:
-    """Its number, sizes and first camera pixel."""
+    """Describe a cluster by number, sizes and first camera pixel."""
     first = int(np.argmax(clusters.camera == label))
     m, n = clusters.camera_sizes[label], clusters.projector_sizes[label]
     return f"cluster {label} of {clusters.count}, {m} camera x {n} projector pixels from camera pixel {first} on"

@@ -1,7 +1,7 @@
-"""ComputeNeighborhoodBlocks of Appendix A, compiled by Numba on first use and kept for the next start.
+"""ComputeNeighborhoodBlocks of Appendix A, compiled by Numba on first use and cached for the next start.
 
-A camera pixel of a dense T has thousands of blocks, and each is a few additions: numpy would look at what is left of
-the whole graph again for every block.
+A camera pixel of a dense T has thousands of blocks of a few additions each; numpy would scan the remaining graph again
+for every block.
 """
 
 import numpy as np
@@ -15,10 +15,12 @@ from counterlight.tools.clusters.connections import Connections
 def strongest_of_block(
     graph: Connections, order: IntArray, projector_shape: tuple[int, int], radius: float
 ) -> IntArray:
-    """For each connection, the strongest connection of its block.
+    """Return the strongest connection of each connection's block.
 
-    order : connections by camera pixel, the strongest first.  projector_shape : (height, width).
-    Returns (connections,) indices of connections.
+    order : connections by camera pixel, strongest first.
+    projector_shape : (height, width).
+
+    Returns (connections,), indices of connections.
     """
     if radius < 1:
         return np.arange(order.size)
@@ -34,9 +36,9 @@ def _strongest(
     width: int,
     radius: float,
 ) -> NDArray[np.int64]:
-    """Each camera pixel paints discs around its strongest connections that no disc covers yet.
+    """Paint discs, per camera pixel, around its strongest connections that no disc covers yet.
 
-    ends : (camera pixels,), where each one's connections end in `order`.
+    ends : (camera pixels,). End of each camera pixel's connections in `order`.
     """
     strongest = np.empty(order.size, np.int64)
     painted_by, middle = np.full((height, width), -1), np.empty((height, width), np.int64)

@@ -1,4 +1,4 @@
-"""Settings that keep every cluster within a given size, from mild to strong (thesis 4.2.2: "the user may want to")."""
+"""Finds parameters that keep every cluster within a given size, from mild to strong (thesis 4.2.2)."""
 
 import math
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ from counterlight.tools.clusters.decomposition import (
 from counterlight.tools.clusters.neighbourhoods import strongest_of_block
 
 FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
-WIDER_RADII = 2  # tried beyond the first that suffices: they may do with a smaller τ₁
+WIDER_RADII = 2  # tried beyond the first sufficient radius; they may allow a smaller τ₁
 TAU_1_STEPS = 64
 
 
 @dataclass(frozen=True)
 class _Cut:
-    """A cut that is small enough: its settings, what it keeps, and the luminance of that."""
+    """A cut that is small enough: its parameters, the kept connections, and their luminance."""
 
     parameters: Parameters
     keep: BoolArray
@@ -44,18 +44,22 @@ def decompose_to(
     *,
     or_smallest: bool = False,
 ) -> tuple[Parameters, Decomposition]:
-    """Decompose T so that no cluster has more than `max_cluster` projector pixels, and say with which settings.
+    """Decompose T so that no cluster has more than `max_cluster` projector pixels; returns the parameters, too.
 
-    A neighbourhood no wider than needed leaves light from elsewhere alone. So radii grow from 1 until cutting each
-    block to its strongest connection (τ₁ = 1) suffices; that radius and the next two are tried. For each, τ₁ falls by
-    bisection, in steps of 1/64, as far as the size allows; of the three, the cut that keeps the most light is taken.
-    Kept light orders settings as the camera's error does (docs/decomposition.md). τ₂ = 1 throughout: cut-off pixels get
-    their strongest connection only. Clusters that are small enough from the start are returned uncut (radius 0).
+    A neighbourhood no wider than needed keeps light from elsewhere. Radii therefore grow from 1 until cutting each
+    block to its strongest connection (τ₁ = 1) suffices; that radius and the next two are tried. For each radius,
+    bisection in steps of 1/64 finds the smallest τ₁ that the size allows. Of the three cuts, the one that keeps the
+    most light is returned. Kept light ranks parameters as the camera error does (docs/decomposition.md). τ₂ is always
+    1: cut-off pixels get only their strongest connection back. If all clusters are small enough already, T is returned
+    uncut (radius 0).
 
-    Reinserted connections make sizes not strictly monotone in τ₁ and radius, so milder settings that would do may be
-    missed; the settings returned have been checked.
-    Arguments and errors as in `decompose`; InputError also if max_cluster < 1, or less than any settings reach, unless
-    `or_smallest`: then the smallest clusters that were reached are taken.
+    Reinserted connections make sizes not strictly monotone in τ₁ and radius. The search may therefore miss milder
+    parameters; the returned parameters are verified.
+
+    or_smallest : return the smallest clusters found, instead of an error, if no parameters suffice.
+
+    The other arguments and errors are those of `decompose`. Also raises InputError if max_cluster < 1, or below the
+    smallest reachable size.
     """
     if max_cluster < 1:
         raise InputError(f"--max-cluster {max_cluster}: expected at least 1 projector pixel")
@@ -68,14 +72,14 @@ def decompose_to(
 
 
 def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int, or_smallest: bool) -> list[_Cut]:
-    """The mildest sufficient cut of the first radius that has one, and of the next two.
+    """Return the mildest sufficient cut of the first radius that has one, and of the next two.
 
-    If none has: the one that comes closest if `or_smallest`, else InputError.
+    Without any: the closest cut if `or_smallest`, else InputError.
     """
     found: list[_Cut] = []
     smallest, closest = graph.shape[1] + 1, None
     for radius, strongest in _neighbourhoods(graph, projector_shape):
-        if _blocks_of_one(graph, strongest) > max_cluster:  # in a dense T, thousands: no need to cut
+        if _blocks_of_one(graph, strongest) > max_cluster:  # a dense T has thousands: no need to try the cut
             continue
         size = _largest(graph, cut(graph, strongest, 1.0, 1.0)[0])
         if size < smallest:
@@ -100,7 +104,7 @@ def _cut(graph: Connections, radius: float, strongest: IntArray, tau_1: float) -
 
 
 def _neighbourhoods(graph: Connections, projector_shape: tuple[int, int]) -> Iterator[tuple[int, IntArray]]:
-    """Growing radii and the strongest connection of each block, until a camera pixel's block is all that it sees."""
+    """Yield growing radii with each block's strongest connection, until each camera pixel has a single block."""
     order = by_strength(graph)
     camera_pixels = np.count_nonzero(np.bincount(graph.camera))
     previous = 0
@@ -115,13 +119,13 @@ def _neighbourhoods(graph: Connections, projector_shape: tuple[int, int]) -> Ite
 
 
 def _blocks_of_one(graph: Connections, strongest: IntArray) -> int:
-    """The most blocks of a camera pixel; each keeps a projector pixel of its own, however much is cut."""
+    """Return the largest number of blocks of a camera pixel; each block keeps at least one projector pixel."""
     middles = np.flatnonzero(strongest == np.arange(strongest.size))
     return int(np.bincount(graph.camera[middles]).max(initial=0))
 
 
 def _smallest_tau_1(graph: Connections, strongest: IntArray, max_cluster: int) -> float:
-    """Bisect for the smallest sufficient τ₁; 1 is known to suffice, 0 not to."""
+    """Bisect for the smallest sufficient τ₁; 1 is known to suffice, 0 to fail."""
     fails, suffices = 0, TAU_1_STEPS
     while suffices - fails > 1:
         step = (fails + suffices) // 2
@@ -133,7 +137,7 @@ def _smallest_tau_1(graph: Connections, strongest: IntArray, max_cluster: int) -
 
 
 def _radii(projector_shape: tuple[int, int]) -> Iterator[int]:
-    """Growing radii; the last one covers the projector picture."""
+    """Yield growing radii; the last one covers the projector picture."""
     diagonal = math.hypot(*projector_shape)
     for radius in chain(FIRST_RADII, (FIRST_RADII[-1] << i for i in count(1))):
         yield radius

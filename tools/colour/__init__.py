@@ -1,6 +1,6 @@
-"""Which of the projector's primaries a camera's channels see (thesis 4.1.1), and what that makes of a room.
+"""The projector's primaries as the camera's channels see them (thesis 4.1.1), and the resulting form of a room.
 
-neutral.py finds the mixing of a neutral surface, tiers.py turns a calibration and its transport into those in which
-channels nearly decouple: all that solvers and maps need to know; shared.py finds primaries that unlike projectors have
-in common. The mixing itself is counterlight.maps.mixing. May import player and tools.transport. Read next: tiers.py.
+neutral.py finds the mixing of a neutral surface. tiers.py converts a calibration and its transport to coordinates in
+which channels nearly decouple; solvers and maps need nothing else. shared.py finds primaries that different projectors
+have in common. counterlight.maps.mixing defines the mixing. May import player and tools.transport. Read next: tiers.py.
 """

@@ -1,4 +1,4 @@
-"""M₀, the mixing of a neutral surface: what the camera's channels would see of the primaries on white paper."""
+"""M₀, the mixing of a neutral surface: how the camera's channels would see the primaries on white paper."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,31 +7,33 @@ from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.mixing import invertible
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 
-DARK = 0.05  # darker in some channel, as a share of the bright pixels, is mostly noise
-NEAR = 0.3  # tint; nearer pixels decide
+DARK = 0.05  # of the bright pixels; a channel darker than this is mostly noise
+NEAR = 0.3  # distance in tint within which pixels have most weight
 BALANCED_PERCENTILE, BALANCED = 5.0, 0.25  # tint of the most neutral pixels of a camera that is balanced on white
 BRIGHTEST_PERCENTILE = 90.0
-MOST_ASKED = 1 << 19  # camera pixels that tell it as well as more of them
-SLOPE_NOISE = 0.03  # tints that differ by less say nothing of how the mixing goes with them
+MOST_ASKED = 1 << 19  # camera pixels; more would not improve the result
+SLOPE_NOISE = 0.03  # smaller differences of tint carry no information about the mixing
 
 
 def asked_pixels(mask: NDArray[np.bool_]) -> IntArray:
-    """Those that count, or evenly some of them where they are many."""
+    """Return the pixels that count, or an even sample of them if they are many."""
     counted = np.flatnonzero(mask)
     return np.asarray(counted[:: max(1, -(-counted.size // MOST_ASKED))])
 
 
 def neutral_mixing(primaries: NDArray[np.floating], mask: NDArray[np.bool_]) -> FloatArray:
-    """(3, 3), camera channel by primary, rows of sum 1, so that a white picture is the camera's white.
+    """Return M₀, (3, 3), camera channel by primary. Its rows sum to 1, so that a white picture is the camera's white.
 
-    What a camera sees of one primary, N_kl = F_kl / Σ_m F_ml, hardly depends on the paint that reflects it. What does
-    is regressed on its tint, (log W_r/W_g, log W_b/W_g) of the white floodlight W_k = Σ_l F_kl, near pixels first,
-    and N taken where the tint is 0: that is white for targets. As displays' primaries are scaled to their white point,
-    M₀ = N diag(N⁻¹ 1). Where no paint comes near a tint of 0 (a camera that is not balanced), that of the brightest
-    pixels stands for neutral: paint takes light away.
+    The camera's view of one primary, N_kl = F_kl / Σ_m F_ml, hardly depends on the paint that reflects it. The small
+    dependence is modelled by regression on the tint, (log W_r/W_g, log W_b/W_g) of the white floodlight W_k = Σ_l F_kl,
+    with near pixels weighted more. N is evaluated at tint 0, which is white for targets. Displays scale their primaries
+    to their white point, so M₀ = N diag(N⁻¹ 1). If no paint comes near tint 0 (a camera that is not balanced), the tint
+    of the brightest pixels counts as neutral, because paint removes light.
 
-    primaries : (3, camera height, camera width, 3), light above ambient.  mask : the camera pixels that count.
-    Returns NaN where nothing is lit in every channel, or primaries look alike.
+    primaries : (3, camera height, camera width, 3). Light above ambient.
+    mask : camera pixels that count.
+
+    Returns NaN if nothing is lit in every channel, or if primaries look alike.
     """
     F = np.moveaxis(np.asarray(primaries).reshape(3, -1, 3)[:, asked_pixels(mask)].astype(np.float64), 0, -1)
     white, columns = F.sum(axis=2), F.sum(axis=1)
@@ -50,7 +52,7 @@ def neutral_mixing(primaries: NDArray[np.floating], mask: NDArray[np.bool_]) -> 
 
 
 def _neutral_tint(tint: FloatArray, brightness: FloatArray) -> FloatArray:
-    """(2,): 0 if any paint comes near, else that of the tenth that is brightest in its weakest channel."""
+    """Return the neutral tint, (2,): 0 if any paint comes near, else that of the brightest tenth by weakest channel."""
     if np.percentile(np.linalg.norm(tint, axis=1), BALANCED_PERCENTILE) <= BALANCED:
         return np.zeros(2)
     brightest = brightness >= np.percentile(brightness, BRIGHTEST_PERCENTILE)
@@ -58,7 +60,7 @@ def _neutral_tint(tint: FloatArray, brightness: FloatArray) -> FloatArray:
 
 
 def _at(neutral: FloatArray, tint: FloatArray, primary: FloatArray, brightness: FloatArray) -> FloatArray:
-    """Regress N, (n, 3, 3), on the tint, (n, 2), and take it where that is neutral."""
+    """Regress N, (n, 3, 3), on the tint, (n, 2), and evaluate it at the neutral tint."""
     away = np.sum((tint - neutral) ** 2, axis=1)
     weight = brightness * np.exp(-(away - away.min()) / (2 * NEAR**2))
     weight /= weight.sum()

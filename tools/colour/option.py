@@ -1,4 +1,4 @@
-"""The option --colour, which every command has that judges or changes colours."""
+"""The option --colour, shared by every command that judges or changes colours."""
 
 import argparse
 

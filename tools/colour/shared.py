@@ -1,12 +1,12 @@
-"""Primaries that projectors of different colours share, and how each shows them (thesis 4.1.2, eq. 4.5).
+"""Primaries that projectors of different colours share, and each projector's rendering of them (thesis 4.1.2, eq. 4.5).
 
-On a white screen projector i shows N_i diag(w_i) p of its drive p, N_i the chromaticities of its primaries, columns of
-sum 1, and w_i how bright they are. Nine matrices for each would be needed, were it not that with
+On a white screen, projector i shows N_i diag(w_i) p for its drive p. N_i holds the chromaticities of its primaries,
+with columns of sum 1, and w_i their brightness. Each projector would need nine matrices. With
 
     p = D_i q,    D_i = diag(w_i)⁻¹ N_i⁻¹ G S_i,    S_i = diag(G⁻¹ N_i w_i)
 
-all of them show G S_i q: the same three colours, and q = 1 is each one's own white. Each column of G is the nearest to
-the mean of the projectors' primaries that all can show, N_i⁻¹ G ≥ 0.
+all projectors show G S_i q: the same three colours, and q = 1 is each projector's own white. Each column of G is the
+colour nearest to the mean of the projectors' primaries that all can show, N_i⁻¹ G ≥ 0.
 """
 
 from collections.abc import Sequence
@@ -22,18 +22,20 @@ from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.colour.neutral import DARK, neutral_mixing
 
 ALIKE = 0.003  # of a primary's light in the wrong channel: 50 dB, as in tiers.py
-BORDER = 1e-6  # of D: a gamut's border is met up to rounding
-FEWEST = 16  # camera pixels that tell how two whites differ
+BORDER = 1e-6  # of D: a gamut's border is met except for rounding
+FEWEST = 16  # camera pixels needed to compare two whites
 
 
 def colour_matrices(
     primaries: Sequence[NDArray[np.floating]], masks: Sequence[BoolArray], names: Sequence[str]
 ) -> tuple[FloatArray | None, ...]:
-    """D of each projector, (3, 3) ≥ 0 with rows of sum 1; None where the shared primaries are its own.
+    """Return D of each projector, (3, 3) ≥ 0 with rows of sum 1; None if the shared primaries are its own.
 
-    None for all where some projector's primaries cannot be told apart: colour is left aside then (tiers.py).
+    Returns None for all if some projector's primaries cannot be told apart: colour is then ignored (tiers.py).
 
-    primaries : of each, (3, camera height, camera width, 3), light above ambient.  masks : where each lights the scene.
+    primaries : (3, camera height, camera width, 3) each. Light above ambient.
+    masks : where each projector lights the scene.
+
     Raises InputError, with the projectors' names, for primaries that have no white in common.
     """
     neutral = [neutral_mixing(light, mask) for light, mask in zip(primaries, masks, strict=True)]
@@ -52,7 +54,7 @@ def colour_matrices(
 
 
 def _matrix(N: FloatArray, white: FloatArray, G: FloatArray) -> FloatArray | None:
-    """D of chromaticities N and a white, (3,), for shared primaries G; None where a share would be below 0."""
+    """Return D for chromaticities N, a white (3,) and shared primaries G; None if a share would be negative."""
     if not invertible(G):
         return None
     shares, w = np.linalg.solve(G, white), np.linalg.solve(N, white)
@@ -66,7 +68,7 @@ def _matrix(N: FloatArray, white: FloatArray, G: FloatArray) -> FloatArray | Non
 
 
 def _shared(chromaticities: Sequence[FloatArray]) -> FloatArray:
-    """G: of each primary the mean, or what is nearest to it within every gamut, columns of sum 1 (0 if there is none).
+    """Return G: each primary's mean, or the nearest colour within every gamut, columns of sum 1 (0 if there is none).
 
     min ‖x − x₀‖ for A x ≥ 0 by non-negative least squares (Lawson and Hanson 1974, chapter 23).
     """
@@ -83,9 +85,9 @@ def _shared(chromaticities: Sequence[FloatArray]) -> FloatArray:
 
 
 def _whites(primaries: Sequence[NDArray[np.floating]], masks: Sequence[BoolArray]) -> list[FloatArray]:
-    """Each projector's white on a neutral surface as the camera sees it, (3,), against the first one's.
+    """Return each projector's white on a neutral surface as the camera sees it, (3,), relative to the first one's.
 
-    Where two light the same place paint cancels; where none lights what another does, it does not matter.
+    Where two projectors light the same place, paint cancels; without such a place, the difference does not matter.
     """
     floodlights = [np.asarray(light, np.float64).sum(axis=0) for light in primaries]
     lit = [_well_lit(light, mask) for light, mask in zip(floodlights, masks, strict=True)]

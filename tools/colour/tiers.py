@@ -1,9 +1,9 @@
-"""A room in coordinates in which its channels nearly decouple: T̃, and the mixing between it and the camera's colours.
+"""A room in coordinates in which its channels nearly decouple: T̃, and the mixing between T̃ and the camera's colours.
 
-independent : as if a camera's channel saw one primary alone; T̃ = T.
-global : T̃_k = Σ_j Q_kj T_j, Q the inverse of M₀, the mixing of a neutral surface.
-pixel : T̃_l = Σ_j (A Q)_lj T_j in each camera pixel, A of counterlight.maps.mixing from floodlights F of the primaries:
-T̃_l·1 = w_l, w_l² = Σ_k (QF)²_kl.
+independent : each camera channel is assumed to see one primary alone; T̃ = T.
+global : T̃_k = Σ_j Q_kj T_j, with Q the inverse of M₀, the mixing of a neutral surface.
+pixel : T̃_l = Σ_j (A Q)_lj T_j in each camera pixel, with A of counterlight.maps.mixing, from floodlights F of the
+    primaries: T̃_l·1 = w_l, w_l² = Σ_k (QF)²_kl.
 """
 
 from dataclasses import dataclass
@@ -23,16 +23,18 @@ from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.transport import Transport
 
 WORTH = 0.003  # of a primary's light in wrong channels: an error of 50 dB, which the best compensation reaches
-WORST_MIXED = 20.0  # of an entry of A: a camera pixel beyond is taken for neutral
+WORST_MIXED = 20.0  # largest entry of A; camera pixels beyond it are treated as neutral
 AS_ASKED = "as asked"
-AGREEMENT = 2.0  # F·1 and T·1 differ by more: one of them is no measurement
+AGREEMENT = 2.0  # F·1 and T·1 differ by at most this factor; otherwise one of them is no measurement
 
 
 @dataclass(frozen=True)
 class Tier:
-    """A room in one of the tiers of colour.
+    """A room in one of the colour tiers.
 
-    transport : T̃, which gives the light that `mixing` lies beyond.  reason : why this tier, one line.
+    transport : T̃.
+    mixing : conversion between T̃'s light and the camera's colours.
+    reason : why this tier was chosen, one line.
     """
 
     calibration: Calibration
@@ -44,12 +46,12 @@ class Tier:
 
     @cached_property
     def ambient(self) -> NDArray[np.float32]:
-        """(camera height, camera width, 3), in screen primaries."""
+        """Ambient light in screen primaries, (camera height, camera width, 3)."""
         return self.mixing.on_screen(self.calibration.ambient).astype(np.float32, copy=False)
 
     @cached_property
     def reach(self) -> FloatArray:
-        """The brightest grey that each primary lets a camera pixel show, (camera height, camera width, 3)."""
+        """The brightest grey that each primary allows a camera pixel, (camera height, camera width, 3)."""
         full = self.transport.composition().reshape(self.calibration.ambient.shape)
         return np.asarray(self.mixing.reach(full, self.ambient), np.float64)
 
@@ -59,16 +61,16 @@ class Tier:
         return float(reachable_white(self.reach, self.calibration.mask))
 
     def asked(self, desired: FloatArray) -> FloatArray:
-        """b: what T̃ must give for a picture in screen primaries, (camera height, camera width, 3)."""
+        """Return b: the light that T̃ must give for a picture in screen primaries, (camera height, camera width, 3)."""
         return np.asarray(self.mixing.asked(desired - self.ambient), np.float64)
 
     def seen(self, drive: FloatArray) -> FloatArray:
-        """The camera's picture of a drive, in screen primaries; drive : (projector pixels, 3) or its picture."""
+        """Return the camera picture of a drive, in screen primaries. drive : (projector pixels, 3) or a picture."""
         light = self.transport.apply(drive.reshape(-1, 3)).reshape(self.ambient.shape)
         return np.asarray(self.mixing.seen(light) + self.ambient, np.float64)
 
     def dual(self, picture: FloatArray) -> FloatArray:
-        """The room lit by the camera, seen from the projector: the transpose of `seen` without ambient light."""
+        """Return the room lit by the camera, seen from the projector: the transpose of `seen` without ambient light."""
         light = np.asarray(self.mixing.seen_transpose(picture), np.float64)
         lit = self.transport.apply_transpose(light.reshape(-1, 3))
         return lit.reshape(*self.calibration.projector.shape, 3)
@@ -78,9 +80,9 @@ class Tier:
 
 
 def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto") -> Tier:
-    """A room in the tier asked for, of COLOURS; "auto" takes the least that explains what was measured.
+    """Return a room in the requested tier of COLOURS; "auto" chooses the simplest that explains the measurements.
 
-    Raises InputError for a tier that the calibration does not hold the measurements for.
+    Raises InputError if the calibration lacks the measurements for the tier.
     """
     if colour not in COLOURS:
         raise InputError(f"--colour {colour}: expected one of {', '.join(COLOURS)}")
@@ -106,7 +108,7 @@ def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto"
 
 
 def _neutral(calibration: Calibration) -> tuple[FloatArray, str]:
-    """M₀, and what the room lacks for it, if anything."""
+    """Return M₀, and what the room lacks to find it, or ""."""
     if calibration.primaries is None:
         return np.eye(3), "the calibration holds no floodlights of the primaries"
     neutral = neutral_mixing(calibration.primaries, calibration.mask)
@@ -122,9 +124,10 @@ def _global(calibration: Calibration, transport: Transport, neutral: FloatArray,
 
 @dataclass(frozen=True)
 class _Mixings:
-    """Of some camera pixels.
+    """The mixing of some camera pixels.
 
-    B : (pixels, 3, 3).  known : (pixels,), which have one of their own.
+    B : (pixels, 3, 3).
+    known : (pixels,) bool. Pixels with their own mixing.
     """
 
     B: FloatArray
@@ -132,7 +135,7 @@ class _Mixings:
 
     @property
     def residual(self) -> float:
-        """What the global tier leaves, root mean square of the sines between B's columns and their axes."""
+        """The error of the global tier: root mean square of the sines between B's columns and their axes."""
         sines = 1 - np.einsum("ill->il", self.B[self.known]) ** 2
         return float(np.sqrt(np.mean(np.maximum(sines, 0)))) if self.known.any() else 0.0
 
@@ -140,7 +143,7 @@ class _Mixings:
 def _mixing_of_pixels(
     calibration: Calibration, composition: FloatArray, neutral: FloatArray, pixels: IntArray
 ) -> _Mixings:
-    """Of floodlights that are light and agree with T·1; what does not is taken for a neutral surface."""
+    """Return mixings from floodlights that are positive and agree with T·1; other pixels count as neutral."""
     assert calibration.primaries is not None
     Q = Mixing(neutral).to_screen
     F, known = _scaled_floodlights(calibration.primaries.reshape(3, -1, 3)[:, pixels], composition[pixels])
@@ -154,9 +157,9 @@ def _mixing_of_pixels(
 
 
 def _scaled_floodlights(primaries: NDArray[np.float32], composition: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """F, (pixels, 3, 3), its rows scaled to T·1, and in which pixels the two agree to AGREEMENT.
+    """Return F, (pixels, 3, 3), with rows scaled to T·1, and the pixels where both agree to AGREEMENT.
 
-    What grey gives was measured by every pattern; F says how the primaries share it.
+    Every pattern measured the light of grey; F says how the primaries share it.
     """
     F = np.moveaxis(primaries.astype(np.float64), 0, -1)
     total = F.sum(axis=-1)

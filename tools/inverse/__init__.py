@@ -1,10 +1,11 @@
 """The inverse light transport T⁺ (thesis 5.1), regularised, truncated within a stated bound, ready to pack.
 
-clustered.py inverts small clusters whole, windows.py large ones through windows by banded.py, super_blocks.py those on
-other machines, method.py says which; price.py whether that pays, direct.py is what stays if nothing does; damping.py
-chooses λ by bidiagonal.py, of large pictures on squares.py; noise.py is what T does not know, rows.py and truncation.py
-drop what does not matter, near_light.py puts them together; far_light.py takes the smooth indirect light out
-beforehand, memory.py refuses what cannot fit; refinement_maps.py packs what refinement needs, recommendation.py finds
-how many steps. May import scipy, counterlight.{command,jobs} and tools.{transport,clusters}. Read next: build.py, which
-makes all that the player needs.
+near_light.py combines all steps. method.py chooses how clusters are inverted. clustered.py inverts small clusters
+whole; windows.py inverts large clusters through windows, with banded.py; super_blocks.py does so on other machines.
+price.py decides whether an inverse pays; direct.py replaces it otherwise. damping.py chooses λ with bidiagonal.py, for
+large pictures on squares.py. noise.py estimates the noise of T; rows.py and truncation.py drop negligible entries.
+far_light.py removes the smooth indirect light beforehand; memory.py refuses work that cannot fit. refinement_maps.py
+packs the inputs of refinement; recommendation.py finds the number of steps. May import scipy,
+counterlight.{command,jobs} and tools.{transport,clusters}. Read next: build.py, which makes everything that the player
+needs.
 """

@@ -1,9 +1,9 @@
 """Some columns of the inverse of a sparse, symmetric and positive definite matrix, by Cholesky.
 
-Pixels of a window in the order of a scan make the normal equations a band: as wide as the picture's rows times how far
-one pixel's light reaches. LAPACK's banded factor is then 1.3 to 7 times faster than the dense one (windows of 24x24 to
-64x64 pixels); where the band is wide the dense one is. Pixels of several projectors that light the same places are far
-apart in a scan; the order of Cuthill and McKee (1969) puts them side by side, and the band is half as wide.
+With the pixels of a window in scan order, the normal equations form a band. Its width is the picture's row length times
+the reach of one pixel's light. LAPACK's banded factor is then 1.3 to 7 times faster than the dense one (windows of
+24x24 to 64x64 pixels). For a wide band, the dense factor is faster. Pixels of several projectors that light the same
+places are far apart in scan order. The order of Cuthill and McKee (1969) brings them together and halves the band.
 """
 
 import numpy as np
@@ -15,14 +15,14 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.transport.transport import Csr
 
-WIDEST_BAND = 1 / 4  # of the matrix: beyond, dense is faster
-WORTH_REORDERING = 0.8  # of the band's width that is left
+WIDEST_BAND = 1 / 4  # of the matrix size; for a wider band, dense is faster
+WORTH_REORDERING = 0.8  # reorder if the band's width falls below this share
 
 
 def columns_of_inverse(N: Csr, wanted: IntArray) -> FloatArray:
-    """The columns `wanted` (ascending) of N⁻¹, (n, len(wanted)).
+    """Return the columns `wanted` (ascending) of N⁻¹, (n, len(wanted)).
 
-    Raises LinAlgError for what is not positive definite.
+    Raises LinAlgError if N is not positive definite.
     """
     row, column = np.repeat(np.arange(N.shape[0]), np.diff(N.indptr)), N.indices
     band = int(np.max(row - column, initial=0))
@@ -40,7 +40,7 @@ def columns_of_inverse(N: Csr, wanted: IntArray) -> FloatArray:
 
 
 def _by_band(N: Csr, row: NDArray[np.integer], column: NDArray[np.integer], band: int, wanted: IntArray) -> FloatArray:
-    """row, column : places of N's entries in an order in which they lie within the band, as `wanted` does."""
+    """Solve by a banded factor. row, column, wanted : places in the banded order."""
     lower = row >= column
     stored = np.zeros((band + 1, N.shape[0]), order="F")
     stored[(row - column)[lower], column[lower]] = N.data[lower]
@@ -53,9 +53,9 @@ def _by_band(N: Csr, row: NDArray[np.integer], column: NDArray[np.integer], band
 
 
 def last_columns_of_inverse(N: NDArray[np.float64], count: int) -> FloatArray:
-    """The last `count` columns of N⁻¹, N symmetric and positive definite, (n, n), overwritten.
+    """Return the last `count` columns of N⁻¹. N is symmetric and positive definite, (n, n), and is overwritten.
 
-    With N = L Lᵀ, the last columns of L⁻¹ are 0 but for the inverse of L's last block: half of the work is saved.
+    With N = L Lᵀ, the last columns of L⁻¹ are 0 except for the inverse of L's last block, which halves the work.
     """
     factor = cho_factor(N, lower=True, overwrite_a=True, check_finite=False)[0]
     split = len(N) - count

@@ -1,9 +1,9 @@
 """One Krylov basis that serves every λ: T V = U B, B lower bidiagonal (Golub and Kahan 1965).
 
-The damped least squares min ‖T p − b‖² + λ² ‖p‖² over p = V y is min ‖B y − β₁ e₁‖² + λ² ‖y‖², whatever λ is (O'Leary
-and Simmons 1981; Paige and Saunders 1982, whose LSQR finds the same p for one λ). The small B has an SVD in
-milliseconds, so only the products with T and Tᵀ cost anything, and those are made once. The basis is not
-orthogonalised again: as in LSQR, lost orthogonality delays convergence and does not spoil it.
+The damped least squares min ‖T p − b‖² + λ² ‖p‖² over p = V y is min ‖B y − β₁ e₁‖² + λ² ‖y‖² for every λ (O'Leary and
+Simmons 1981; Paige and Saunders 1982, whose LSQR finds the same p for one λ). The small B has an SVD in milliseconds,
+so only the products with T and Tᵀ are expensive, and they are computed once. The basis is not reorthogonalised: as in
+LSQR, lost orthogonality delays convergence but does not spoil it.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ from counterlight.tools.transport.transport import Csr
 
 CHECK_EVERY = 10
 SIGMA_STEPS = 20
-EXHAUSTED = 1e-14  # of the first α: the space that b and T span is exhausted
+EXHAUSTED = 1e-14  # of the first α; below it, the space spanned by b and T is exhausted
 
 
 class Products:
-    """T and Tᵀ in float64, or in `dtype`, both by rows: gathering is twice as fast as scattering."""
+    """T and Tᵀ in float64, or in `dtype`, both by rows, because gathering is twice as fast as scattering."""
 
     def __init__(self, T: Csr, dtype: type = np.float64) -> None:
         self.T: Csr = T.astype(dtype)
@@ -32,10 +32,12 @@ class Products:
 
 @dataclass(frozen=True)
 class Bidiagonal:
-    """V, B and β₁ after k steps, and what a further step would bring.
+    """V, B and β₁ after k steps, and the coefficients of the next step.
 
-    basis : (k, projector pixels) float32, the rows of Vᵀ.
-    diagonal : (k + 1,) α₁ … α_k+1.  below : (k,) β₂ … β_k+1.  start : β₁ = ‖b‖.
+    basis : (k, projector pixels) float32. Rows of Vᵀ.
+    diagonal : (k + 1,). α₁ … α_k+1.
+    below : (k,). β₂ … β_k+1.
+    start : β₁ = ‖b‖.
     """
 
     basis: NDArray[np.float32]
@@ -44,15 +46,15 @@ class Bidiagonal:
     start: float
 
     def largest_singular_value(self) -> float:
-        """Of T; from below, and close after a few steps."""
+        """Return an estimate of T's σ₁ from below; close after a few steps."""
         return float(np.linalg.norm(self._small(), 2)) if self.below.size else 0.0
 
     def damped(self, lambdas: FloatArray) -> FloatArray:
-        """The damped solutions, (projector pixels, len(lambdas)), float32 accuracy."""
+        """Return the damped solutions, (projector pixels, len(lambdas)), with float32 accuracy."""
         return np.asarray(self.basis.T @ self._coordinates(lambdas).astype(np.float32), np.float64)
 
     def errors(self, lambdas: FloatArray) -> FloatArray:
-        """Bounds on the root mean square distance of `damped` to the true minima, (len(lambdas),), for λ > 0.
+        """Return bounds on the root mean square distance of `damped` from the true minima, (len(lambdas),), for λ > 0.
 
         Tᵀ(b − T p) − λ² p = −α_k+1 β_k+1 y_k v_k+1, and the normal matrix has no eigenvalue below λ².
         """
@@ -61,14 +63,14 @@ class Bidiagonal:
         return np.asarray(residual / (lambdas**2 * np.sqrt(self.basis.shape[1])))
 
     def _small(self) -> FloatArray:
-        """B, (k + 1, k)."""
+        """Return B, (k + 1, k)."""
         k = self.below.size
         B = np.zeros((k + 1, k))
         B[np.arange(k), np.arange(k)], B[np.arange(k) + 1, np.arange(k)] = self.diagonal[:k], self.below
         return B
 
     def _coordinates(self, lambdas: FloatArray) -> FloatArray:
-        """y for each λ, (k, len(lambdas)): one SVD of B serves all."""
+        """Return y for each λ, (k, len(lambdas)); one SVD of B serves all."""
         P, sigma, Qt = np.linalg.svd(self._small(), full_matrices=False)
         gain = sigma[:, None] / (sigma[:, None] ** 2 + lambdas**2)
         return np.asarray(Qt.T @ (gain * (self.start * P[0])[:, None]))
@@ -77,7 +79,7 @@ class Bidiagonal:
 def bidiagonalise(
     products: Products, b: NDArray[np.floating], lambdas: FloatArray, most_steps: int, accuracy: float
 ) -> Bidiagonal:
-    """Steps from b until every λ > 0 is solved to `accuracy` (root mean square drive), at most `most_steps`.
+    """Make steps from b until every λ > 0 is solved to `accuracy` (root mean square drive), at most `most_steps`.
 
     b : (camera pixels,).
     """
@@ -101,14 +103,15 @@ def bidiagonalise(
 
 
 def bytes_of_basis(most_steps: int, projector_pixels: int) -> int:
-    """What a basis occupies."""
+    """Return the bytes of a basis."""
     return most_steps * projector_pixels * np.dtype(np.float32).itemsize
 
 
 def largest_singular_value(T: Csr) -> float:
-    """σ₁, to 1 % or better, from 20 steps that start at T·1: T ≥ 0, so no leading singular vector can be missed.
+    """Return σ₁, to 1 % or better, from 20 steps starting at T·1.
 
-    In float32: half as many bytes go through every product.
+    T ≥ 0, so the start always contains the leading singular vector. Uses float32, which halves the bytes of every
+    product.
     """
     products = Products(T, np.float32)
     start = products.T @ np.ones(T.shape[1], np.float32)
@@ -116,7 +119,7 @@ def largest_singular_value(T: Csr) -> float:
 
 
 def largest_singular_values(matrices: Sequence[Csr]) -> FloatArray:
-    """σ₁ of each, side by side."""
+    """Return σ₁ of each matrix, computed in parallel."""
     return np.array(side_by_side(largest_singular_value, matrices))
 
 

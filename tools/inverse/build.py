@@ -1,4 +1,4 @@
-"""From a room to its maps: invert, take the far light out, pack; and from a calibration folder to its correction/."""
+"""Builds maps from a room in memory (invert, remove far light, pack), and from a calibration folder."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -32,7 +32,7 @@ from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, Obje
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
-RESOLVED = 0.9  # camera pixels per projector pixel, from which a camera is no coarser than the projector
+RESOLVED = 0.9  # camera pixels per projector pixel, below which a camera counts as coarser than the projector
 CHOSEN = {
     "whole": "the whole T⁺",
     "cut": "T⁺ cut into clusters",
@@ -44,11 +44,11 @@ STARTED = {"previous": "it", "previous-direct": "direct mapping"}
 
 @dataclass(frozen=True)
 class BuiltRoom:
-    """A room in its tier of colour, what was found and its maps; `summary` is one line.
+    """A room in its colour tier, its inverse and its maps; `summary` is one line.
 
-    recommendation : how it is best played; None without refinement.
-
-    light_outside : of a white picture, drive of what the camera does not see, as a share of plain projection's.
+    light_outside : for a white picture, light that the camera does not see, relative to plain projection; None if plain
+        projection has none.
+    recommendation : the best way to play the room; None without refinement.
     """
 
     tier: Tier
@@ -64,12 +64,12 @@ class BuiltRoom:
 
     @property
     def transport(self) -> Transport:
-        """What was inverted."""
+        """The transport that was inverted."""
         return self.tier.transport
 
     @property
     def coarseness(self) -> str | None:
-        """A warning, where the camera resolves fewer pixels than it sees of the projector; None where it does not."""
+        """A warning if the camera resolves fewer pixels than it sees of the projector; None otherwise."""
         camera, projector = int(np.count_nonzero(self.calibration.mask)), int(self.transport.lit.any(axis=1).sum())
         if camera >= RESOLVED * projector:
             return None
@@ -80,7 +80,7 @@ class BuiltRoom:
 
     @property
     def conclusion(self) -> str:
-        """Which inverse, why, what it weighs and what it gives, for the last line of a build."""
+        """The chosen inverse, the reason, its size and its quality, for the last line of a build."""
         inverse, packed = self.inverse, self.maps
         mib = sum(m.nbytes for m in packed.named().values()) / 2**20
         reason = f" ({inverse.reason})" if inverse.reason else ""
@@ -106,10 +106,13 @@ def build_room_maps(
     colour: str = "auto",
     workers: Workers | None = None,
 ) -> BuiltRoom:
-    """Build and write every row map of a calibration; those that only refinement needs if `refine`.
+    """Build and write every row map of a calibration.
 
-    colour : of choices.COLOURS.  workers : who inverts windows, on other machines, too; None for this process.
-    Raises InputError at once if another process is building them.
+    refine : whether to include the maps of refinement.
+    colour : of choices.COLOURS.
+    workers : processes, also on other machines, that invert windows; None for this process.
+
+    Raises InputError at once if another process is building the maps.
     """
     with maps.replacing(stored) as stage:
         transport = read_transport(stored)
@@ -133,10 +136,11 @@ def build_maps(
     elsewhere: Elsewhere | None = None,
     entry_bytes: float = memory.ENTRY_BYTES,
 ) -> BuiltRoom:
-    """Every row map of a room in memory; nothing is read or written, but for work elsewhere.
+    """Build every row map of a room in memory. No files are read or written, except for work on other machines.
 
-    entry_bytes : of memory that an entry of T⁺ takes, with what will be made of it.
-    Raises InputError for what cannot be inverted.
+    entry_bytes : memory that an entry of T⁺ takes, including later stages.
+
+    Raises InputError for a room that cannot be inverted.
     """
     transport, calibration, white, options = tier.transport, tier.calibration, tier.white, options.settled
     camera, projector = calibration.camera.shape, calibration.projector.shape
@@ -202,7 +206,7 @@ def _pack_far_light(
 def _details(
     inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions, aims: ObjectiveOptions
 ) -> dict[str, Any]:
-    """What the manifest says beside the maps: options, what was found, and the bounds that hold."""
+    """Return the manifest's entries besides the maps: options, results, and the bounds that hold."""
     camera_bound = transport.apply(inverse.truncation)
     lengths = correction.lookup[..., 2]
     return {

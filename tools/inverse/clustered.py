@@ -1,4 +1,4 @@
-"""Clusters inverted whole: dense blocks of equal shape, batched, in float64 (thesis 5.1)."""
+"""Inverts clusters whole: dense blocks of equal shape, batched, in float64 (thesis 5.1)."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -14,18 +14,20 @@ from counterlight.tools.inverse.priors import PriorBlocks
 from counterlight.tools.inverse.rows import Piece, Truncation, truncated_piece
 from counterlight.tools.transport.transport import Csr
 
-BATCH_VALUES = 1 << 22  # float64 values of one batch of blocks (32 MiB); see memory.py for what a batch needs at work
+BATCH_VALUES = 1 << 22  # float64 values per batch of blocks (32 MiB); memory.py has the peak during work
 SMALLEST_SQUARED = 1e-5  # λ/σ₁ below which TᵀT + λ²I, of condition (σ₁/λ)², would leave fewer than six digits
 
 
 def damped_inverse(
     T: FloatArray, damping: FloatArray, noise: float = 0.0, prior: FloatArray | None = None
 ) -> FloatArray:
-    """Regularised pseudo-inverses T⁺ = (TᵀT + P + λ²I)⁻¹Tᵀ of a batch of blocks (docs/mathematics.md 2).
+    """Return regularised pseudo-inverses T⁺ = (TᵀT + P + λ²I)⁻¹Tᵀ of a batch of blocks (docs/mathematics.md 2).
 
-    T : (…, camera pixels, projector pixels).  damping : broadcast to (…,), λ itself; 0 gives Moore-Penrose by SVD,
-    without the singular values that are noise.  noise : share of T's entries, 0 if rounding is all (noise.py).
-    prior : P, (…, projector pixels, projector pixels); not with so little damping that singular values are asked for.
+    T : (…, camera pixels, projector pixels).
+    damping : λ, broadcast to (…,). 0 gives Moore-Penrose by SVD, without the singular values that are noise.
+    noise : noise as a share of T's entries; 0 if only rounding counts (noise.py).
+    prior : P, (…, projector pixels, projector pixels). Not used if the damping is so small that the SVD is needed.
+
     Returns (…, projector pixels, camera pixels).
     """
     rows, columns = T.shape[-2:]
@@ -42,7 +44,7 @@ def damped_inverse(
 
 
 def _by_singular_values(T: FloatArray, damping: FloatArray, noise: float) -> FloatArray:
-    """V · diag(σ / (σ² + λ²)) · Uᵀ; undamped, over the singular values that are more than noise."""
+    """Return V · diag(σ / (σ² + λ²)) · Uᵀ; without damping, only singular values above the noise count."""
     U, sigma, Vt = np.linalg.svd(T, full_matrices=False)
     floor = np.where(damping[..., None] == 0, cut_off(T, sigma[..., :1], noise), 0.0)
     gain = np.divide(sigma, sigma**2 + damping[..., None] ** 2, out=np.zeros_like(sigma), where=sigma > floor)
@@ -58,10 +60,13 @@ def clustered_jobs(
     truncation: Truncation,
     priors: tuple[Csr, ...] | None = None,
 ) -> Iterator[Callable[[], Piece]]:
-    """Jobs that invert the chosen clusters, each a batch of blocks of one shape.
+    """Yield jobs that invert the chosen clusters, each job a batch of blocks of one shape.
 
-    matrices : T for red, green and blue.  chosen : (clusters,).  damping : (3,) λ.  noise : share of T's entries.
-    priors : P of each, without ties between clusters.
+    matrices : T for red, green and blue.
+    chosen : (clusters,) bool.
+    damping : λ, (3,).
+    noise : noise as a share of T's entries.
+    priors : P per channel, without ties between clusters.
     """
     blocks = ClusterBlocks(clusters, chosen)
     entries = [blocks.entries(T) for T in matrices]

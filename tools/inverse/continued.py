@@ -1,4 +1,4 @@
-"""What T⁺ gives projector pixels that nobody sees where the picture is to go on there (`--outside continue`)."""
+"""The rows of T⁺ for unseen projector pixels, if the picture shall continue there (`--outside continue`)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +12,8 @@ from counterlight.tools.transport.objective import owners
 
 
 def continued(inverse: Inverse, projector: tuple[int, int], regions: Sequence[Region]) -> Inverse:
-    """Each as the nearest pixel of its projector that is seen; ties make it smooth once steps are made.
+    """Give each unseen pixel the row of its projector's nearest seen pixel. Steps with ties then make the result
+    smooth.
 
     projector : (height, width) of the raster.
     """

@@ -1,7 +1,6 @@
-"""Choosing λ of T⁺ = (TᵀT + λ²I)⁻¹Tᵀ by what counts: the camera's error *after* the clamp to 0..1.
+"""Chooses λ of T⁺ = (TᵀT + λ²I)⁻¹Tᵀ by the camera's error *after* the clamp to 0..1.
 
-See docs/mathematics.md 2. GCV and the L-curve know nothing of the clamp, which is what makes an undamped
-pseudo-inverse bad.
+See docs/mathematics.md 2. GCV and the L-curve ignore the clamp, which is what makes an undamped pseudo-inverse bad.
 """
 
 from collections.abc import Sequence
@@ -19,9 +18,9 @@ from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import Csr
 
 CANDIDATES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4)
-MOST_STEPS = 120  # 60 and 240 move the errors of rooms of 640x480 by at most 0.1 %
-ACCURACY = 0.1 / 255  # drive; more does not show in the errors
-SMALL = 1 << 17  # pixels of a picture that is looked at whole; of a larger one, squares are (squares.py)
+MOST_STEPS = 120  # 60 and 240 change the errors of rooms of 640x480 by at most 0.1 %
+ACCURACY = 0.1 / 255  # drive; higher accuracy does not change the errors visibly
+SMALL = 1 << 17  # pixels; larger pictures are judged by squares (squares.py)
 
 
 @dataclass(frozen=True)
@@ -41,13 +40,15 @@ def choose_damping(
     pictures: Sequence[FloatArray] | None = None,
     largest: float | None = None,
 ) -> DampingChoice:
-    """Try every candidate on some pictures and keep the best; of large pictures, on a few squares.
+    """Try every candidate on some pictures and return the best; large pictures are judged by a few squares.
 
-    T : (camera pixels, projector pixels), what is inverted, rows outside the mask empty.
-    judge : the transport that says what the camera sees, if T is a decomposed one.  mask : (camera height, width).
-    white : the radiance of a white picture, (camera height, width) where T's rows are weighted.
-    floor : the noise of T as a fraction of σ₁; no candidate is below it.  pictures : None for the typical ones.
-    largest : T's σ₁, if it is known.
+    T : (camera pixels, projector pixels). The matrix to invert; rows outside the mask are empty.
+    white : radiance of a white picture; (camera height, camera width) if T's rows are weighted.
+    mask : (camera height, camera width) bool.
+    judge : transport that predicts the camera picture, if T is a decomposed one.
+    floor : noise of T as a fraction of σ₁; no candidate is smaller.
+    pictures : None for the typical ones.
+    largest : T's σ₁, if known.
     """
     inside = mask.ravel()
     tried = typical_pictures(mask.shape) if pictures is None else pictures
@@ -70,12 +71,12 @@ def choose_damping(
 
 
 def is_large(T: Csr) -> bool:
-    """Whether only squares are looked at."""
+    """Whether only squares are judged."""
     return max(T.shape) > SMALL
 
 
 def _clamped_errors(products: Products, judge: Csr, b: FloatArray, lambdas: FloatArray) -> FloatArray:
-    """‖T clamp(p) − b‖² for the damped solution p of each λ, (len(lambdas),)."""
+    """Return ‖T clamp(p) − b‖² for the damped solution p of each λ, (len(lambdas),)."""
     drives = bidiagonalise(products, b, lambdas, MOST_STEPS, ACCURACY).damped(lambdas)
     residual: FloatArray = judge @ np.clip(drives, 0, 1) - b[:, None]
     return np.asarray(np.sum(residual**2, axis=0))

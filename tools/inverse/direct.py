@@ -1,4 +1,4 @@
-"""Direct mapping as rows: each projector pixel asks the one camera pixel that it lights most (thesis 6.1)."""
+"""Direct mapping as rows: each projector pixel uses the one camera pixel that it lights most (thesis 6.1)."""
 
 import numpy as np
 
@@ -9,10 +9,11 @@ from counterlight.tools.transport.transport import Transport, luminance
 
 
 def direct_mapping(dual: Transport, composition: FloatArray, heard: FloatArray) -> SparseRows:
-    """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most, far light left aside.
+    """Return rows for p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most, without far light.
 
-    dual : TᵀW, (projector pixels, camera pixels).  composition : T·1, (camera pixels, 3).  heard : (projector pixels,
-    3), what is left of it beside the prior.
+    dual : TᵀW, (projector pixels, camera pixels).
+    composition : T·1, (camera pixels, 3).
+    heard : (projector pixels, 3). Factor that accounts for the prior, d / (d + η).
     """
     most = lit_most(dual)
     asking = np.flatnonzero(most >= 0)
@@ -24,15 +25,16 @@ def direct_mapping(dual: Transport, composition: FloatArray, heard: FloatArray) 
 
 
 def lit_most(dual: Transport) -> IntArray:
-    """The camera pixel that each projector pixel lights most, −1 where it lights none: (projector pixels,).
+    """Return the camera pixel that each projector pixel lights most, or −1: (projector pixels,).
 
-    dual : Tᵀ, of which far light is left aside.
+    dual : Tᵀ; its far light is ignored.
     """
     strength, chosen = _largest(dual.near, luminance(dual.near.weights))
     most = np.where(chosen >= 0, np.append(dual.near.indices, -1)[chosen], -1)
     if dual.blurred is None:
         return most
-    # A camera pixel sees a projector pixel by an entry or by one cell, never by both: the largest of all decides.
+    # A camera pixel sees a projector pixel through one entry or through one cell, never both, so the largest value
+    # decides.
     cells, means = dual.blurred.gather, dual.blurred.scatter
     of_cell, entry = _largest(cells, luminance(cells.weights))
     through, cell = _largest(means, luminance(means.weights) * of_cell[means.indices])
@@ -41,7 +43,7 @@ def lit_most(dual: Transport) -> IntArray:
 
 
 def _largest(rows: SparseRows, strength: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Of each row the largest strength and the last entry that has it; 0 and −1 where there is none.
+    """Return each row's largest strength and the last entry that has it; 0 and −1 for empty rows.
 
     strength : (entries,).
     """

@@ -1,11 +1,11 @@
-"""Taking the far light out of a desired picture before the near light is inverted.
+"""Removes the far light from a target before the near light is inverted.
 
-With T = S + U M D and S⁺ the inverse of the near light, compensation seeks p = S⁺ (b − U M D p). Writing y = M D p,
+With T = S + U M D and S⁺ the inverse of the near light, compensation seeks p = S⁺ (b − U M D p). With y = M D p,
 
     y = M D S⁺ (b − U y)   ⟹   y = (I + M D S⁺ U)⁻¹ M · D S⁺ b = M' · D' b,      p = S⁺ (b − U y),
 
-so the far light of the *compensated* picture follows from the desired one: gather it with D' = D S⁺ onto the cells, mix
-with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹). All factors are small.
+so the far light of the *compensated* picture follows from the target: gather it onto the cells with D' = D S⁺, mix with
+M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹). All factors are small.
 """
 
 import numpy as np
@@ -17,16 +17,18 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.jobs import side_by_side
 from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
 
-LARGEST = 1e30  # of a factor's entry: times light and summed up, it stays within float32
+LARGEST = 1e30  # largest entry of a factor; products with light, summed, then stay within float32
 ADVICE = "give more --regularize, or look for what is extreme in far_light.npz"
-RELATIVE_THRESHOLD = 1e-4  # of a row's largest entry: gathers average hundreds of pixels, their tails only cost time
+# of a row's largest entry: gathers average hundreds of pixels, and their tails only cost time
+RELATIVE_THRESHOLD = 1e-4
 
 
 def undo_far_light(far: FarLight, T_pinv: SparseRows) -> FarLight:
-    """D', M' and U, so that U M' D' b is the far light that the camera sees when b is compensated.
+    """Return D', M' and U: U M' D' b is the far light that the camera sees when b is compensated.
 
     T_pinv : S⁺, (projector pixels, camera pixels).
-    Raises InputError where there is no such light, or only beyond float32.
+
+    Raises InputError if there is no such light, or only beyond float32.
     """
     factors = channels(far.gather), far.mix, channels(far.scatter), channels(T_pinv)
     gather, mix = zip(*side_by_side(_undone, *factors), strict=True)
@@ -34,7 +36,7 @@ def undo_far_light(far: FarLight, T_pinv: SparseRows) -> FarLight:
 
 
 def _undone(D: Csr, M: FloatArray, U: Csr, S_pinv: Csr) -> tuple[Csr, FloatArray]:
-    """D' and M' of a channel."""
+    """Return D' and M' of a channel."""
     D_inverse = _without_tails(sparse.csr_array(D @ S_pinv.astype(np.float64)))
     mix = _solved(np.eye(M.shape[0]) + M @ (D_inverse @ U).toarray(), M)
     largest = max(np.abs(mix).max(), np.abs(D_inverse.data).max(initial=0.0))

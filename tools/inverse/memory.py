@@ -1,6 +1,6 @@
-"""What an inverse needs of memory, asked before the work starts.
+"""Memory that an inverse needs, checked before the work starts.
 
-Every need is an estimate from above; peaks were measured with tracemalloc.
+Every need is an upper estimate; peaks were measured with tracemalloc.
 """
 
 import os
@@ -18,24 +18,25 @@ from counterlight.tools.inverse.rows import Piece
 from counterlight.tools.inverse.windows import BLOCKS, HALOS
 from counterlight.tools.transport.transport import Csr
 
-WORK_BYTES = 24 * 8  # of a block inverted whole, per entry: three channels, their inverses, what truncation sorts
-ENTRY_BYTES = 70  # of T⁺, per entry: pieces, joined rows, the packed texture (58 measured, far light apart)
-NORMAL_BYTES = 3 * 40  # of TᵀT, per entry: three channels, while they are added up
-ROOM_BYTES, PIXEL_BYTES = 250, 400  # of a room's maps while they are made, an entry of T, a pixel of both sides
-BLURRED_BYTES = 120  # an entry of B, of which there are neither T⁺ nor words
-IN_ONE_BYTES = 150  # of a T that is made dense and cut, per entry: its rows, its graph and what orders that
-FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold first: within 15 %
+# per entry of a block inverted whole: three channels, their inverses, the arrays that truncation sorts
+WORK_BYTES = 24 * 8
+ENTRY_BYTES = 70  # per entry of T⁺: pieces, joined rows, the packed texture (58 measured, without far light)
+NORMAL_BYTES = 3 * 40  # per entry of TᵀT: three channels, while they are added up
+ROOM_BYTES, PIXEL_BYTES = 250, 400  # while a room's maps are made: per entry of T, and per pixel of both sides
+BLURRED_BYTES = 120  # per entry of B, which has neither T⁺ nor words
+IN_ONE_BYTES = 150  # per entry of a T that is made dense and cut: its rows, its graph and the graph's order
+FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all rows are predicted first, to within 15 %
 SAMPLE_COLUMNS = 64
 
 
 def check_choice(projector_pixels: int) -> None:
-    """Before λ is chosen: one Krylov basis for each picture at work."""
+    """Check memory before λ is chosen: one Krylov basis per picture at work."""
     needed = min(PICTURES, os.cpu_count() or 1) * bytes_of_basis(MOST_STEPS, projector_pixels)
     check(needed, "choosing λ", "name it instead, such as --regularize 0.03")
 
 
 def check_whole(clusters: Clusters, whole: NDArray[np.bool_]) -> None:
-    """Before clusters are inverted whole: the largest of them at once, one on each core."""
+    """Check memory before clusters are inverted whole: the largest ones at the same time, one per core."""
     entries = np.sort((clusters.camera_sizes * clusters.projector_sizes)[whole])[-(os.cpu_count() or 1) :]
     if entries.size:
         largest = int(clusters.projector_sizes[whole].max())
@@ -44,33 +45,41 @@ def check_whole(clusters: Clusters, whole: NDArray[np.bool_]) -> None:
 
 
 def check_windows(T: Csr, projector_pixels: int) -> None:
-    """Before large clusters are inverted through windows.  T : one channel.  projector_pixels : of the clusters."""
+    """Check memory before windows are inverted.
+
+    T : one channel.
+    projector_pixels : pixels of the clusters.
+    """
     remedy = "use --inverse cut or none, or leave the option out"
     check(bytes_of_windows(T, projector_pixels), "inverting large clusters through windows", remedy)
 
 
 def bytes_of_windows(T: Csr, projector_pixels: int) -> float:
-    """What windows need at work: TᵀT of three channels, and the widest window on each core."""
+    """Return the memory of windows at work: TᵀT of three channels, and the widest window on each core."""
     window = min((BLOCKS[0] + 2 * HALOS[-1]) ** 2, projector_pixels)
     return NORMAL_BYTES * normal_entries(T) + (os.cpu_count() or 1) * 2 * 8 * window**2
 
 
 def check_room(near: int, blurred: int, pixels: int) -> None:
-    """Before anything: what so many entries of S and B a channel, camera and projector pixels need at the least."""
+    """Check the minimum memory before any work.
+
+    near, blurred : entries of S and B per channel.
+    pixels : pixels of camera and projector together.
+    """
     needed = ROOM_BYTES * float(near) + BLURRED_BYTES * float(blurred) + PIXEL_BYTES * float(pixels)
     what = f"a room of {(near + blurred) / 1e6:.0f} million entries"
     check(needed, what, "use --no-refine, or a smaller camera or projector")
 
 
 def check_in_one(camera_pixels: int, projector_pixels: int) -> None:
-    """Before near and far light are written out in one T, (almost) dense."""
+    """Check memory before near and far light are written out in one (almost) dense T."""
     what = f"near and far light in one T, of {camera_pixels}x{projector_pixels} entries,"
     remedy = "give --tau, or use a smaller camera or projector"
     check(IN_ONE_BYTES * float(camera_pixels) * projector_pixels, what, remedy)
 
 
 def normal_entries(T: Csr) -> float:
-    """Entries of TᵀT, from evenly spaced columns of it."""
+    """Estimate the entries of TᵀT from evenly spaced columns."""
     lit = np.flatnonzero(np.bincount(T.indices))
     chosen = lit[np.linspace(0, lit.size - 1, min(SAMPLE_COLUMNS, lit.size)).astype(int)]
     sampled: Csr = T.T @ T[:, chosen]
@@ -78,13 +87,14 @@ def normal_entries(T: Csr) -> float:
 
 
 def checked_as_they_come(pieces: Iterable[Piece], whole: int, windowed: int, entry_bytes: float) -> Iterator[Piece]:
-    """Pass pieces on; at 2 % of the rows, 4, 8 and so on, foretell the entries of all, and refuse what cannot fit.
+    """Pass pieces on. At 2 % of the rows, 4 %, 8 % and so on, predict the total entries, and refuse what cannot fit.
 
-    Those of whole clusters and those of windows are foretold apart: in large rooms with many clusters of a pixel or
-    two, most rows have a few entries and most entries are of windows.
+    Whole clusters and windows are predicted separately. In large rooms with many clusters of one or two pixels, most
+    rows have few entries, and most entries belong to windows.
 
-    pieces : in an order of which every beginning is spread over them all.  whole, windowed : rows of either kind.
-    entry_bytes : that an entry of T⁺ takes.
+    pieces : in mixed order, so that the first few are a fair sample of all.
+    whole, windowed : number of rows of each kind.
+    entry_bytes : memory per entry of T⁺.
     """
     counts, rows, entries, shares = (whole, windowed), [0, 0], [0, 0], [FORETELLING_SHARE] * 2
     for piece in pieces:

@@ -1,4 +1,4 @@
-"""Which clusters are inverted whole and which through windows, and why."""
+"""Chooses the clusters to invert whole and the clusters to invert through windows, with the reason."""
 
 from dataclasses import dataclass
 
@@ -8,16 +8,22 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.tools.clusters.components import Clusters
 
-# Projector pixels of a cluster that is inverted whole. Damped, windows are faster beyond (2475 pixels: 33 s whole, 7 s
-# in windows); undamped, there are no windows, and a block of the limit costs minutes.
+# Largest cluster that is inverted whole, in projector pixels. With damping, windows are faster for larger clusters
+# (2475 pixels: 33 s whole, 7 s in windows). Without damping, windows do not work, and a block of the limit takes
+# minutes.
 LARGEST_DENSE, LARGEST_PLAIN = 1000, 4000
-LEAST_DAMPING = 1e-5  # λ/σ₁ of windows: below, their normal equations would leave fewer than six digits
-LARGEST_BLOCK = 1 << 24  # camera times projector pixels of a cluster inverted whole: 128 MiB, at work ten times that
+LEAST_DAMPING = 1e-5  # smallest λ/σ₁ for windows; below it, their normal equations would leave fewer than six digits
+# camera times projector pixels of a cluster inverted whole: 128 MiB, ten times as much during work
+LARGEST_BLOCK = 1 << 24
 
 
 @dataclass(frozen=True)
 class Method:
-    """windowed : (clusters,) bool, inverted through windows.  reason : in words, for a person."""
+    """The chosen method.
+
+    windowed : (clusters,) bool. Inverted through windows.
+    reason : in words, for the user.
+    """
 
     windowed: NDArray[np.bool_]
     reason: str
@@ -31,11 +37,12 @@ class Method:
 
 
 def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Method:
-    """Clusters are inverted whole as far as time and memory allow, and through windows beyond.
+    """Invert clusters whole as far as time and memory allow, and larger ones through windows.
 
-    asked : of INVERSE_METHODS; `clustered` and `windowed` do so with all clusters.
-    damping : λ/σ₁, None if to be chosen.
-    Raises InputError where windows would be needed for an (almost) undamped inverse, whose rows do not decay.
+    asked : of INVERSE_METHODS; `clustered` and `windowed` apply to all clusters.
+    damping : λ/σ₁; None if it will be chosen.
+
+    Raises InputError if an (almost) undamped inverse would need windows: its rows do not decay.
     """
     damped = damping is None or damping >= LEAST_DAMPING
     if asked == "clustered":
@@ -72,5 +79,5 @@ def _which(clusters: Clusters, chosen: NDArray[np.bool_]) -> str:
 
 
 def _grouped(number: int) -> str:
-    """196608 -> 196 608."""
+    """Group digits: 196608 -> 196 608."""
     return f"{number:,}".replace(",", " ")

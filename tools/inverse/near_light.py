@@ -1,4 +1,4 @@
-"""T⁺ of a whole room: clusters found, λ chosen, each part inverted, truncated and joined (thesis 4.2.1, 5.1)."""
+"""T⁺ of a whole room: find clusters, choose λ, invert each part, truncate and join (thesis 4.2.1, 5.1)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
@@ -34,26 +34,28 @@ from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import CHANNELS, Csr, Shape, Transport, channels, in_one, luminance_matrix
 
-MAX_CLUSTER = 1000  # of a cut, projector pixels (thesis 4.2.2); smaller ones are worth no more than direct mapping
-THESIS_CLUSTER = 200  # of `thesis`: what its plain inverses bear (docs/hard_cases.md)
-USUAL_TAU = 1e-3  # of `thesis` in rooms with far light, whose T is dense without a threshold
+# projector pixels of a cluster of a cut (thesis 4.2.2); smaller clusters are no better than direct mapping
+MAX_CLUSTER = 1000
+THESIS_CLUSTER = 200  # for `thesis`: the size that its plain inverses tolerate (docs/hard_cases.md)
+USUAL_TAU = 1e-3  # for `thesis` in rooms with far light, whose T is dense without a threshold
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True)
 class InverseOptions:
-    """How to invert.
+    """The options of an inverse.
 
-    damping : λ as a fraction of each channel's largest singular value, 0 for the plain pseudo-inverse, None to choose.
+    damping : λ as a fraction of each channel's largest singular value; 0 for the plain pseudo-inverse, None to choose.
     max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
-    inverse : of choices.INVERSES. `whole` inverts T as it is; `cut` decomposes it into clusters first (thesis 4.2.2);
-    `none` leaves direct mapping, one entry a row, in the place of T⁺; `auto` is whole where that pays (price.py), else
-    cut, else none; `thesis` is chapter 5 to the letter (invert_as_the_thesis).
-    tau : of `thesis`, entries of T below this share of white are dropped; None for USUAL_TAU with far light, else 0.
-    max_cluster : of a cut, projector pixels of a cluster at most; None for 1000, 200 as the thesis. A number asks for a
-    cut.  parameters : of a cut, instead of those found for a size.
-    noise : of T's entries, relative, standard deviation (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
-    method : clusters inverted whole, through windows, or as their sizes allow (choices.INVERSE_METHODS).
+    max_cluster : for a cut, largest cluster in projector pixels; None for 1000, or 200 for `thesis`. A number implies a
+        cut.
+    noise : relative standard deviation of T's entries (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
+    method : clusters inverted whole, through windows, or by size (choices.INVERSE_METHODS).
+    inverse : of choices.INVERSES. `whole` inverts T as it is. `cut` first decomposes T into clusters (thesis 4.2.2).
+        `none` replaces T⁺ by direct mapping, one entry per row. `auto` is whole if that pays (price.py), else cut, else
+        none. `thesis` is chapter 5 to the letter (invert_as_the_thesis).
+    parameters : for a cut, replaces the parameters found for a size.
+    tau : for `thesis`, drops entries of T below this share of white; None for USUAL_TAU with far light, else 0.
     """
 
     damping: float | None = None
@@ -104,17 +106,17 @@ class InverseOptions:
 
     @property
     def settled(self) -> "InverseOptions":
-        """With what follows: the thesis damps nothing."""
+        """The options with implied values: the thesis uses no damping."""
         return replace(self, damping=0.0) if self.inverse == "thesis" else self
 
     @property
     def largest(self) -> int:
-        """Projector pixels of a cluster of a cut."""
+        """Largest cluster of a cut, in projector pixels."""
         return self.max_cluster or (THESIS_CLUSTER if self.inverse == "thesis" else MAX_CLUSTER)
 
     @property
     def asked(self) -> str:
-        """Which inverse, where the other options leave no choice."""
+        """The requested inverse, if the other options leave no choice; else "auto"."""
         if self.inverse != "auto":
             return self.inverse
         if self.max_cluster is not None or self.parameters is not None:
@@ -125,16 +127,19 @@ class InverseOptions:
 
 @dataclass(frozen=True)
 class Inverse:
-    """T⁺ and what was found on the way.
+    """T⁺ and the results of its computation.
 
     T_pinv : (projector pixels, camera pixels).
-    truncation : (projector pixels, 3), certified change by what was left out and by rounding, drive.
-    chosen : whole, cut or none, or thesis for its own way.  reason : why, in words, if that was not asked for.
-    decomposition : the settings and outcome if T was decomposed.
-    method : what was inverted whole and what through windows.
-    damping : λ / σ₁; damping_errors : the candidates' errors if λ was chosen.
-    residual : (projector pixels,), ‖r‖₁ of the windows, 0 elsewhere; what they were to reach is window_tolerance.
-    halos : (blocks,) of the windows.
+    truncation : (projector pixels, 3). Certified change by dropped entries and by rounding, in drive.
+    decomposition : parameters and report if T was decomposed.
+    method : which clusters were inverted whole, and which through windows.
+    damping : λ / σ₁.
+    damping_errors : the candidates' errors if λ was chosen.
+    residual : (projector pixels,). ‖r‖₁ of the windows, 0 elsewhere.
+    window_tolerance : the residual that windows aim at.
+    chosen : whole, cut, none or thesis.
+    reason : why, in words, unless it was requested.
+    halos : (blocks,). Halos of the windows.
     """
 
     T_pinv: SparseRows
@@ -156,7 +161,7 @@ class Inverse:
 
     @property
     def largest_cluster(self) -> tuple[int, int]:
-        """Camera and projector pixels of the cluster with the most projector pixels; 0 where none was looked for."""
+        """Camera and projector pixels of the cluster with the most projector pixels; 0 if there are no clusters."""
         if not self.clusters.count:
             return 0, 0
         label = int(np.argmax(self.clusters.projector_sizes))
@@ -171,11 +176,12 @@ def invert_as_the_thesis(
     white: float,
     options: InverseOptions,
 ) -> Inverse:
-    """T⁺ of chapter 5: T from the threshold τ up (3.4.2), cut (4.2.2), energy fitted (4.2.3), plainly inverted (5.1).
+    """T⁺ of chapter 5: T above the threshold τ (3.4.2), cut (4.2.2), energy fitted (4.2.3), plainly inverted (5.1).
 
-    Energy adds up to the floodlit room: what is below the threshold goes to the rest of its row, too.
-    Near, blurred and far light in one T; every camera pixel that it lights counts, without mask, weights or prior.
-    camera, projector : (height, width).  Other arguments as of `invert_near_light`.
+    The energy adds up to the floodlit room, so light below the threshold is distributed over the rest of its row. Near,
+    blurred and far light form one T. Every lit camera pixel counts, without mask, weights or prior.
+
+    camera, projector : (height, width). The other arguments are those of `invert_near_light`.
     """
     tau = (0.0 if transport.far is None else USUAL_TAU) if options.tau is None else options.tau
     if transport.far is not None and not tau:
@@ -201,16 +207,18 @@ def invert_near_light(
     elsewhere: Elsewhere | None = None,
     entry_bytes: float = memory.ENTRY_BYTES,
 ) -> Inverse:
-    """(TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; the result's columns outside the mask are empty.
+    """Return (TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; columns outside the mask are empty.
 
-    near : T, (camera pixels, projector pixels).  mask : (camera height, camera width).
-    reach : (camera pixels, 3), the largest |c − e| of a picture; within it the certified bound holds.
-    white : the radiance of a white picture.  regions : of several projectors in one raster.
-    weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
-    prior : P; the plain inverse (λ = 0) knows none.
-    pictures : by which λ is chosen, (camera height, camera width) each; None for the typical ones.
-    elsewhere : who inverts windows; None for this process.
-    entry_bytes : of memory that an entry of T⁺ takes, with what will be made of it.
+    near : T, (camera pixels, projector pixels).
+    mask : (camera height, camera width).
+    reach : (camera pixels, 3). Largest |c − e| of a picture, for which the certified bound holds.
+    white : radiance of a white picture.
+    regions : regions of several projectors in one raster.
+    weights : (camera pixels,). Diagonal of W, 0 outside the mask; None for 1 inside.
+    prior : P; ignored by the plain inverse (λ = 0).
+    pictures : (camera height, camera width) each. Pictures for choosing λ; None for the typical ones.
+    elsewhere : inverts windows on other machines; None for this process.
+    entry_bytes : memory that an entry of T⁺ takes, including later stages.
     """
     weights = mask.ravel().astype(np.float64) if weights is None else weights
     roots = np.sqrt(weights)
@@ -237,7 +245,7 @@ def invert_near_light(
 
 
 def mapped_directly(objective: Objective, options: InverseOptions) -> Inverse:
-    """What stands for T⁺ in a room with blurred light: direct mapping, no clusters; InputError if T⁺ was asked for."""
+    """Return direct mapping in place of T⁺, for a room with blurred light; raises InputError if T⁺ was requested."""
     if options.asked not in ("auto", "none"):
         raise InputError(
             f"--inverse {options.asked}: blurred light is kept in blocks of pixels, and T⁺ of it would be dense; leave "
@@ -249,7 +257,7 @@ def mapped_directly(objective: Objective, options: InverseOptions) -> Inverse:
 
 
 def _directly_mapped(objective: Objective, clusters: Clusters) -> Inverse:
-    """Direct mapping in the place of T⁺, of a T without far light."""
+    """Return direct mapping in place of T⁺, for a T without far light."""
     rows = direct_mapping(objective.dual, objective.T.composition(), objective.heard)
     method = Method(np.zeros(clusters.count, bool), "nothing is inverted")
     nothing = np.zeros((objective.T.shape[1], len(CHANNELS)))
@@ -258,9 +266,9 @@ def _directly_mapped(objective: Objective, clusters: Clusters) -> Inverse:
 
 @dataclass(frozen=True)
 class _Work:
-    """What is to be inverted and how; each row of T and reach is times the root of its weight.
+    """The matrix to invert, and the options. Rows of T and reach are multiplied by the root of their weight.
 
-    Fields as of `invert_near_light`.  whole : near's luminance.
+    whole : luminance of `near`. The other fields are those of `invert_near_light`.
     """
 
     near: SparseRows
@@ -278,7 +286,7 @@ class _Work:
     entry_bytes: float
 
     def cut(self, *, must_pay: bool) -> "Inverse | Objection":
-        """T⁺ of T cut into clusters; a reason against it if it has to pay."""
+        """Return T⁺ of T cut into clusters, or the reason against it if `must_pay` and it does not pay."""
         try:
             parameters, cut = self._decomposed()
         except InputError as error:
@@ -297,7 +305,7 @@ class _Work:
     def inverted(
         self, near: SparseRows, decomposition: tuple[Parameters, Report] | None, *, must_pay: bool
     ) -> "Inverse | Objection":
-        """T⁺ of these rows; a reason against it, before the work, if it has to pay."""
+        """Return T⁺ of these rows, or the reason against it, before the work, if `must_pay` and it does not pay."""
         light = self.whole if near is self.near else luminance_matrix(near)
         clusters = find_clusters(light)
         method = choose_method(clusters, self.options.method, self.options.damping)
@@ -349,7 +357,9 @@ class _Work:
     def _choose_damping(
         self, matrices: tuple[Csr, ...], sigmas: Sequence[float], light: Csr, largest: float
     ) -> DampingChoice:
-        """λ / σ₁ as asked for, or chosen, not below the noise of any channel.  sigmas, largest : σ₁ of each."""
+        """Return the requested λ / σ₁, or the chosen one, at least the noise of any channel. sigmas, largest : σ₁
+        values.
+        """
         if self.options.damping is not None:
             return DampingChoice(self.options.damping, {})
         if not is_large(light):
@@ -361,7 +371,7 @@ class _Work:
 
 
 def _check_lit(sigmas: Sequence[float]) -> None:
-    """InputError if a channel's σ₁ is 0."""
+    """Raise InputError if a channel's σ₁ is 0."""
     for name, sigma in zip(CHANNELS, sigmas, strict=True):
         if sigma == 0:
             raise InputError(f"transport_{name}: no entry inside the mask; check the channel's file and mask.png")
@@ -393,9 +403,10 @@ def _windowed(
 def _run(
     jobs: list[Callable[[], Piece]], elsewhere: Iterable[Piece], whole: int, windowed: int, entry_bytes: float
 ) -> list[Piece]:
-    """Run the jobs in an order of which every beginning is spread over them all, so that memory is foretold early.
+    """Run the jobs in a mixed order, so that the first few are a fair sample and memory is predicted early.
 
-    elsewhere : pieces that are made there.  whole, windowed, entry_bytes : see memory.checked_as_they_come.
+    elsewhere : pieces from other machines.
+    whole, windowed, entry_bytes : see memory.checked_as_they_come.
     """
     spread = [jobs[i] for i in np.argsort(np.arange(len(jobs)) * GOLDEN_RATIO % 1)]
     with closing(run_jobs(spread, "inverting")) as results:

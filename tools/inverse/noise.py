@@ -1,10 +1,11 @@
-"""What T does not know about itself: singular values that noise alone could make are not inverted.
+"""Noise of T: singular values that noise alone could produce are not inverted.
 
 By Weyl, noise N moves a singular value of T by at most ‖N‖. For independent noise of a share s of each entry, ‖N‖ is
-about s (the largest norm of a row of T + that of a column), and rarely above that + 3 s (the largest entry) (Davidson
-and Szarek 2001 for full matrices, Bandeira and van Handel 2016 for any). What lies below is noise; inverted, it would
-be amplified most. A calibration does not hold s, and its smallest weight does not tell it (exact sparse matrices have
-large ones, direct mapping has one weight a row): unless the caller knows it, only the rounding of T counts.
+about s (largest norm of a row of T + largest norm of a column). It rarely exceeds this by more than 3 s (the largest
+entry) (Davidson and Szarek 2001 for full matrices, Bandeira and van Handel 2016 for any). Smaller singular values are
+noise, and inversion would amplify them most. A calibration does not store s. Its smallest weight does not reveal s
+either: exact sparse matrices have large weights, and direct mapping has one weight per row. Unless the caller knows s,
+only the rounding of T counts.
 """
 
 import numpy as np
@@ -17,9 +18,13 @@ TAIL = 3.0  # standard deviations of ‖N‖ above its mean
 
 
 def cut_off(T: FloatArray, largest: FloatArray, noise: float) -> FloatArray:
-    """Singular values up to this are noise: the larger of the float32 rounding, σ₁ · max(m, n) · 2⁻²³, and ‖N‖.
+    """Return the limit below which singular values are noise: float32 rounding σ₁ · max(m, n) · 2⁻²³, or ‖N‖ if larger.
 
-    T : blocks (…, m, n).  largest : (…, 1), their σ₁.  noise : s.  Returns (…, 1).
+    T : (…, m, n). Blocks.
+    largest : (…, 1). Their σ₁.
+    noise : s.
+
+    Returns (…, 1).
     """
     rounding = largest * FLOAT32_EPS * max(T.shape[-2:])
     if not noise:
@@ -30,12 +35,12 @@ def cut_off(T: FloatArray, largest: FloatArray, noise: float) -> FloatArray:
 
 
 def noise_of_matrix(T: Csr, noise: float) -> float:
-    """‖N‖ of a sparse matrix."""
+    """Return ‖N‖ of a sparse matrix."""
     squared = T.astype(np.float64) ** 2
     row, column = (np.sqrt(squared.sum(axis=axis).max(initial=0)) for axis in (1, 0))
     return float(noise_norm(noise, row, column, T.data.max(initial=0)))
 
 
 def noise_norm(noise: float, row: FloatArray, column: FloatArray, entry: FloatArray) -> FloatArray:
-    """s (row + column + 3 entry): the largest norm of a row, of a column, and the largest entry of T ≥ 0."""
+    """Return s (row + column + 3 entry). row, column, entry : largest row norm, column norm and entry of T ≥ 0."""
     return np.asarray(noise * (row + column + TAIL * entry))

@@ -1,4 +1,4 @@
-"""A few pictures that stand for what people project: λ is chosen by what the clamp does to them."""
+"""A few pictures that represent usual content. λ is chosen by what the clamp does to them."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ PICTURES = 3
 
 
 def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:
-    """Three grey pictures (height, width), linear, 0..1: like a photograph, like lettering, and a bright ramp.
+    """Return three grey pictures (height, width), linear, 0..1: like a photograph, like lettering, and a bright ramp.
 
-    Always the same for one shape. The photograph is 1/f noise (Field 1987: natural pictures' amplitude falls as 1/f).
+    They depend on the shape only. The photograph is 1/f noise (Field 1987: natural pictures' amplitude falls as 1/f).
     """
     height, width = shape
     y, x = np.mgrid[:height, :width]
@@ -23,18 +23,18 @@ def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:
 
 
 def soft_picture(shape: tuple[int, int]) -> FloatArray:
-    """A part of a film or a photograph at its own size, (height, width), linear, 0..1: softer than 1/f, 1/f² noise."""
+    """Return a picture like a soft photograph, (height, width), linear, 0..1: 1/f² noise, softer than 1/f."""
     return _noise(shape, 2.0)
 
 
 def pictures_of(calibration: Calibration) -> list[FloatArray]:
-    """The typical pictures as cameras are asked for them: several, at each place of their screen, for one thing."""
+    """Return the typical pictures in the camera's view; for several cameras, from their shared screen."""
     grey = typical_pictures(calibration.placed_on)
     return [on_cameras(np.repeat(picture[..., None], 3, axis=2), calibration)[..., 0] for picture in grey]
 
 
 def _noise(shape: tuple[int, int], slope: float) -> FloatArray:
-    """Noise whose amplitude falls as 1/f^slope."""
+    """Return noise whose amplitude falls as 1/f^slope."""
     height, width = shape
     frequency = np.hypot(np.fft.fftfreq(height)[:, None] * height, np.fft.rfftfreq(width)[None, :] * width)
     noise = np.fft.rfft2(np.random.default_rng(2006).standard_normal(shape))

@@ -1,6 +1,6 @@
-"""What the whole T⁺ of a room would take on this machine, and whether that pays (docs/size.md).
+"""The cost of T⁺ on this machine, and the decision whether it pays (docs/size.md).
 
-Refinement's steps bring a picture further than any inverse of equal bytes, so T⁺ may cost a minute, not an hour.
+Refinement's steps improve a picture more than any inverse of equal bytes, so T⁺ may cost a minute, not an hour.
 """
 
 import os
@@ -19,19 +19,24 @@ from counterlight.tools.inverse.windows import WindowedChannel, plan_windows, sa
 from counterlight.tools.transport.transport import CHANNELS, Csr
 
 MOST_SECONDS = 60.0
-SHARE_OF_MEMORY = 0.5  # of what is available
+SHARE_OF_MEMORY = 0.5  # of the available memory
 MOST_FAILING = 0.2  # of the sampled windows
-OPERATIONS_A_SECOND = 5e9  # of one core, in blocks inverted whole: solving, truncating, joining
-SECONDS_A_CLUSTER = 10e-6  # beside
+OPERATIONS_A_SECOND = 5e9  # per core, for blocks inverted whole: solving, truncating, joining
+SECONDS_A_CLUSTER = 10e-6  # additional time per cluster
 
 
 class Objection(str):
-    """Why an inverse does not pay, in words."""
+    """The reason against an inverse, in words."""
 
 
 @dataclass(frozen=True)
 class Price:
-    """seconds : of this machine's cores together.  needed : bytes.  failing : share of the windows."""
+    """The cost of an inverse.
+
+    seconds : with all cores of this machine.
+    needed : bytes of memory.
+    failing : share of windows that miss their tolerance.
+    """
 
     seconds: float = 0.0
     needed: float = 0.0
@@ -41,7 +46,7 @@ class Price:
         return Price(self.seconds + other.seconds, self.needed + other.needed, max(self.failing, other.failing))
 
     def objection(self) -> Objection | None:
-        """What speaks against it, None if nothing does."""
+        """Return the reason against this price; None if it is acceptable."""
         if self.failing > MOST_FAILING:
             return Objection(f"{100 * self.failing:.0f} % of its windows would miss their tolerance")
         if self.seconds > MOST_SECONDS:
@@ -52,7 +57,7 @@ class Price:
 
 
 def price_of_clusters(clusters: Clusters, chosen: NDArray[np.bool_]) -> Price:
-    """Of clusters inverted whole, by their sizes."""
+    """Return the price of clusters inverted whole, from their sizes."""
     m, n = (sizes[chosen].astype(np.float64) for sizes in (clusters.camera_sizes, clusters.projector_sizes))
     operations = len(CHANNELS) * float(np.sum(2 * m * n**2 + n**3 + 40 * m * n))
     seconds = operations / OPERATIONS_A_SECOND + SECONDS_A_CLUSTER * m.size
@@ -68,9 +73,9 @@ def price_of_windows(
     tolerance: float,
     regions: Sequence[Region],
 ) -> Price:
-    """Of large clusters inverted through windows, from a few of them.
+    """Return the price of large clusters inverted through windows, from a few sampled windows.
 
-    T : one channel, which the others are like.  Only what the sampled windows touch is looked at.
+    T : one channel, which represents all three. Only the rows that the samples touch are used.
     """
     at_work = bytes_of_windows(T, int(np.count_nonzero(member)))
     if at_work > SHARE_OF_MEMORY * available_bytes():
@@ -87,14 +92,14 @@ def price_of_windows(
 
 
 def spoken(seconds: float) -> str:
-    """A duration for a person."""
+    """Format a duration for the user."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def _only_rows(T: Csr, chosen: NDArray[np.bool_]) -> Csr:
-    """T with its other rows empty."""
+    """Return T with only the chosen rows; the others are empty."""
     lengths = np.diff(T.indptr)
     kept = np.repeat(chosen, lengths)
     starts = np.concatenate([[0], np.cumsum(np.where(chosen, lengths, 0))])

@@ -1,4 +1,4 @@
-"""A prior as matrices, for inverses: P of each channel, cut where clusters of T are."""
+"""A prior as matrices for inverses: P of each channel, without ties between clusters of T."""
 
 from dataclasses import replace
 
@@ -14,9 +14,9 @@ from counterlight.tools.transport.transport import CHANNELS, Csr
 
 
 def prior_matrices(prior: Prior, labels: IntArray) -> tuple[Csr, ...]:
-    """P, (projector pixels, projector pixels), without the ties between pixels of different labels.
+    """Return P per channel, (projector pixels, projector pixels), without ties between pixels of different labels.
 
-    A tie that is cut draws neither of its pixels any more: both diagonals lose it.
+    A cut tie no longer acts on either pixel: both diagonals lose it.
     """
     height, width = prior.damping.shape[:2]
     pixel = np.arange(height * width).reshape(height, width)
@@ -37,7 +37,7 @@ def prior_matrices(prior: Prior, labels: IntArray) -> tuple[Csr, ...]:
 
 
 class PriorBlocks:
-    """P of each channel between the pixels of the chosen clusters, which no tie leaves."""
+    """Blocks of P per channel for the chosen clusters; no tie crosses their borders."""
 
     def __init__(self, priors: tuple[Csr, ...], clusters: Clusters, chosen: NDArray[np.bool_]) -> None:
         square = replace(clusters, camera=clusters.projector, camera_sizes=clusters.projector_sizes)
@@ -45,6 +45,6 @@ class PriorBlocks:
         self._entries: list[Entries] = [self._blocks.entries(each) for each in priors]
 
     def dense(self, batch: Batch) -> list[FloatArray]:
-        """(k, n, n) of each channel."""
+        """Return (k, n, n) blocks per channel."""
         square = Batch(batch.labels, batch.projector, batch.projector)
         return [self._blocks.dense(each, square) for each in self._entries]

@@ -1,7 +1,7 @@
-"""How a room is best played: from T⁺ where there is one, and the steps that it needs (docs/refinement.md).
+"""The best way to play a room: from T⁺ if there is one, with as many steps as needed (docs/refinement.md).
 
-The build measures, on a few squares of the camera's picture (squares.py) and the typical pictures, what the player's
-own steps leave. Far light is left aside, and ties between projector rows: both change what a step gains by little.
+The build measures the error that the player's own steps leave, on a few squares of the camera picture (squares.py) and
+the typical pictures. It ignores far light, and ties between projector rows: both hardly change the gain of a step.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,19 +21,21 @@ from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
 MEASURED = (0, 2, 4, 8, 16)
-OFFERED = (4, 8, MOST_OFFERED)  # steps that a window is asked for
-MANY_STEPS = 64  # what stands for the optimum
-FAINTEST_ERROR = 1e-5  # of white², below which more does not show: 50 dB
+OFFERED = (4, 8, MOST_OFFERED)  # numbers of steps offered in a window
+MANY_STEPS = 64  # stands for the optimum
+FAINTEST_ERROR = 1e-5  # of white²; smaller errors do not show: 50 dB
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """How play makes a frame.
+    """The recommended start and steps.
 
-    start : of the player's STARTS.  steps : a frame.
-    below_optimum : dB below the unweighted optimum after MEASURED steps from each start.
-    priors : dB of that which weights and priors cost, after MANY_STEPS.
-    Nothing is measured for the T⁺ of chapter 5: far light, which is left aside here, is in it.
+    start : one of the player's STARTS.
+    steps : steps per frame.
+    below_optimum : by start, dB below the unweighted optimum after MEASURED steps.
+    priors : part of this, in dB, that weights and priors cost, after MANY_STEPS.
+
+    For the T⁺ of chapter 5, nothing is measured: it includes far light, which is ignored here.
     """
 
     start: str
@@ -42,16 +44,16 @@ class Recommendation:
     priors: float = 0.0
 
     def after(self, steps: int) -> float:
-        """dB below the optimum after some of the MEASURED steps from the start."""
+        """Return dB below the optimum after one of the MEASURED numbers of steps from the start."""
         return self.below_optimum[self.start][MEASURED.index(steps)]
 
     @property
     def clean_steps(self) -> int:
-        """The fewest steps that leave a clean picture, to which play reduces them on a slow machine."""
+        """The fewest steps for a clean picture; play reduces steps to this number on a slow machine."""
         return min(Curve(MEASURED, self.below_optimum[self.start]).clean_steps, self.steps)
 
     def to_toml(self) -> dict[str, Any]:
-        """For the maps' manifest."""
+        """Return the table for the maps' manifest."""
         curves = {name: [round(value, 3) for value in curve] for name, curve in self.below_optimum.items()}
         costs = {"steps": list(MEASURED), **curves, "priors": round(self.priors, 3)}
         measured = {"below_optimum_db": costs} if curves else {}
@@ -69,10 +71,13 @@ def recommended(
     camera: tuple[int, int],
     pictures: Sequence[FloatArray] | None = None,
 ) -> Recommendation:
-    """Where to start, and the fewest steps from there that end within GOOD_ENOUGH_DB.
+    """Find the start, and the fewest steps from it that end within GOOD_ENOUGH_DB.
 
-    direct : direct mapping.  T_pinv : of the near light, None if there is none.
-    white : radiance of a white picture.  camera : (height, width).  pictures : to try; None for the typical ones.
+    direct : direct mapping.
+    T_pinv : T⁺ of the near light; None if there is none.
+    white : radiance of a white picture.
+    camera : (height, width).
+    pictures : pictures to try; None for the typical ones.
     """
     squares = squares_of((objective.weights > 0).reshape(camera), objective.T.entries)
     within = objective.T.without_far.at(squares.rows)
@@ -108,31 +113,35 @@ def recommended(
 
 
 def _steps(curve: tuple[float, ...], priors: float) -> int:
-    """The fewest that end within GOOD_ENOUGH_DB of where steps lead."""
+    """Return the fewest steps that end within GOOD_ENOUGH_DB of the limit."""
     enough = [steps for steps in OFFERED if curve[MEASURED.index(steps)] <= priors + GOOD_ENOUGH_DB]
     return enough[0] if enough else OFFERED[-1]
 
 
 @dataclass(frozen=True)
 class _Judge:
-    """objective : the unweighted one.  inner : camera pixels that are judged."""
+    """Measures errors.
+
+    objective : the unweighted objective.
+    inner : (camera pixels,) bool. Pixels that are judged.
+    """
 
     objective: Objective
     inner: BoolArray
 
     def error(self, p: FloatArray, b: FloatArray) -> float:
-        """Σ (T p − b)² of the inner lit camera pixels."""
+        """Return Σ (T p − b)² over the inner lit camera pixels."""
         lit = self.inner if self.objective.lit is None else self.inner & self.objective.lit
         return float(np.sum((self.objective.T.apply(p) - b)[lit] ** 2))
 
 
 def _marked(steps: Iterator[FloatArray], marks: tuple[int, ...]) -> list[FloatArray]:
-    """What is there after so many steps."""
+    """Return the drives after the numbers of steps in `marks`."""
     return [p for step, p in enumerate(islice(steps, marks[-1] + 1)) if step in marks]
 
 
 def _local(objective: Objective, within: Transport, rows: IntArray, columns: IntArray) -> Objective:
-    """The objective of some camera and projector pixels, those in one line, tied to the next where it is next.
+    """Return the objective of some camera and projector pixels, arranged in one line; true neighbours keep their ties.
 
     within : T of these camera pixels, without far light.
     """
@@ -148,7 +157,7 @@ def _local(objective: Objective, within: Transport, rows: IntArray, columns: Int
 
 
 def _share_of_near(objective: Objective) -> FloatArray:
-    """Near light of all light of a white projector, (camera pixels, 3)."""
+    """Return near light as a share of all light of a white projector, (camera pixels, 3)."""
     if objective.T.far is None:
         return np.ones((objective.T.shape[0], 3))
     near, all_light = objective.T.without_far.composition(), objective.T.composition()

@@ -1,4 +1,4 @@
-"""Packing of far and blurred light, and of what refinement needs beside T: TᵀW, steps, a prior, and a start."""
+"""Packs far and blurred light, and the inputs of refinement besides T: TᵀW, step sizes, a prior, and a start."""
 
 from dataclasses import replace
 
@@ -13,11 +13,11 @@ from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import FarLight, dense_rows
 
-CELLS_ACROSS = 4096  # of the picture that cells of blurred light fill
+CELLS_ACROSS = 4096  # width of the picture that the cells of blurred light fill
 
 
 def pack_far(far: FarLight, output: tuple[int, int], source: tuple[int, int], scatter: RowMap | None = None) -> FarMaps:
-    """U M D from a picture of `source` to one of `output`, (height, width); scatter : U, if it is packed already."""
+    """Pack U M D as a map from `source` to `output`, (height, width) each. scatter : U, if already packed."""
     gather, cell_of = _in_parts(far.gather)
     parts, cells = (1, cell_of.size), (1, far.cells)
     return FarMaps(
@@ -28,7 +28,7 @@ def pack_far(far: FarLight, output: tuple[int, int], source: tuple[int, int], sc
 
 
 def _in_parts(rows: SparseRows) -> tuple[SparseRows, NDArray[np.int64]]:
-    """Rows longer than a texture is wide in equal parts, and which row each part is of; M adds them up again."""
+    """Split rows longer than a texture's width into equal parts; returns the parts and each part's row."""
     counts = np.maximum(1, -(-rows.lengths // MAX_TEXTURE_WIDTH))
     row_of = np.repeat(np.arange(rows.shape[0]), counts)
     number = np.arange(row_of.size) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -37,7 +37,7 @@ def _in_parts(rows: SparseRows) -> tuple[SparseRows, NDArray[np.int64]]:
 
 
 def pack_blurred(blurred: BlurredLight, output: tuple[int, int], source: tuple[int, int]) -> BlurredMaps:
-    """B P, or Pᵀ Bᵀ, from a picture of `source` to one of `output`; the cells fill a picture, its last line up."""
+    """Pack B P, or Pᵀ Bᵀ, as maps from `source` to `output`. Cells fill a picture; its last line is padded."""
     gather, cell_of = _in_parts(blurred.gather)
     scatter = _of_parts(blurred.scatter, cell_of)
     across = min(scatter.columns, CELLS_ACROSS)
@@ -46,8 +46,8 @@ def pack_blurred(blurred: BlurredLight, output: tuple[int, int], source: tuple[i
 
 
 def _of_parts(rows: SparseRows, cell_of: NDArray[np.int64]) -> SparseRows:
-    """Rows that read cells, reading all parts of each instead.  cell_of : of each part, ascending."""
-    if cell_of.size == rows.columns:  # every cell is a part: nothing to copy
+    """Replace each cell that rows read by all its parts. cell_of : (parts,), ascending; the cell of each part."""
+    if cell_of.size == rows.columns:  # every cell has one part: no copy needed
         return rows
     counts = np.bincount(cell_of, minlength=rows.columns)
     first, read = np.cumsum(counts) - counts, counts[rows.indices]
@@ -59,12 +59,12 @@ def _of_parts(rows: SparseRows, cell_of: NDArray[np.int64]) -> SparseRows:
 
 
 def _with_rows(rows: SparseRows, count: int) -> SparseRows:
-    """With empty rows at the end."""
+    """Append empty rows."""
     return replace(rows, indptr=np.pad(rows.indptr, (0, count - rows.shape[0]), mode="edge"))
 
 
 def refinement_maps(objective: Objective, camera: tuple[int, int], projector: tuple[int, int]) -> RefinementMaps:
-    """Pack TᵀW, and what refinement starts and steps with; camera, projector : (height, width)."""
+    """Pack TᵀW and the other inputs of refinement. camera, projector : (height, width)."""
     dual, composition, prior = objective.dual, objective.T.composition(), objective.prior
     return RefinementMaps(
         pack(dual.near, projector, camera),

@@ -1,4 +1,4 @@
-"""A part of the inverse as entries; parts come from clusters and windows and are joined into one set of sparse rows."""
+"""Parts of the inverse as entries. Clusters and windows produce parts, which are joined into sparse rows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,15 +11,16 @@ from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.inverse.truncation import entries_to_keep
 
-FLOAT32_ROUNDING = 2.0**-24  # relative, of a weight
+FLOAT32_ROUNDING = 2.0**-24  # relative rounding of a weight
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
 class Truncation:
-    """What may be left out.
+    """Limits of truncation.
 
-    reach : (camera pixels, 3), the largest |c − e| of a picture.  budget : change of a pixel, in drive.
+    reach : (camera pixels, 3). Largest |c − e| of a picture.
+    budget : allowed change of a pixel, in drive.
     """
 
     reach: FloatArray
@@ -30,11 +31,13 @@ class Truncation:
 class Piece:
     """Whole rows of T⁺.
 
-    rows : (n,) projector pixels, each once.  lengths : (n,) entries of each.
-    columns : (entries,) camera pixels, ascending in a row.  weights : (entries, 3) float32.
-    changed : (n, 3) certified change by truncation and rounding, in drive.
-    residual : (n,), of the window that the row was solved on, ‖N x − 1‖₁ in the worst channel; 0 for a whole cluster.
-    halo : of that window.
+    rows : (n,). Projector pixels, each once.
+    lengths : (n,). Entries of each row.
+    columns : (entries,). Camera pixels, ascending in a row.
+    weights : (entries, 3) float32.
+    changed : (n, 3). Certified change by truncation and rounding, in drive.
+    residual : (n,). ‖N x − 1‖₁ of the row's window in the worst channel; 0 for a whole cluster.
+    halo : halo of the window; 0 for a whole cluster.
     """
 
     rows: IntArray
@@ -48,7 +51,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Joined:
-    """All pieces: sparse rows, and per row what the pieces say of them."""
+    """All pieces as sparse rows, with the change and the residual of each row."""
 
     rows: SparseRows
     changed: FloatArray
@@ -63,12 +66,16 @@ def truncated_piece(
     residual: FloatArray | None = None,
     halo: int = 0,
 ) -> Piece:
-    """Turn dense rows of T⁺ into float32 entries, leaving out what the budget allows.
+    """Convert dense rows of T⁺ to float32 entries, dropping what the budget allows.
 
-    The change of a row is Σ |exact − stored| · u, over entries left out and rounded ones; rounding comes first in the
-    budget, so it is kept unless the row's weights cancel so far that rounding alone exceeds it.
-    Blocks are of one shape: rows (k, n), the camera pixels of their columns (k, m), ascending, and blocks (3, k, n, m)
-    for red, green and blue.  residual : (k · n,).
+    The change of a row is Σ |exact − stored| · u over dropped and rounded entries. Rounding is counted first. The
+    budget therefore holds, unless a row's weights cancel so strongly that rounding alone exceeds it.
+
+    rows : (k, n). Projector pixels of k blocks of one shape.
+    columns : (k, m). Camera pixels, ascending.
+    blocks : (3, k, n, m). Red, green and blue.
+    residual : (k · n,).
+
     Raises InputError if a weight is beyond float32.
     """
     k, n = rows.shape
@@ -95,7 +102,7 @@ def truncated_piece(
 
 def _refuse_overflow(rows: IntArray, blocks: FloatArray) -> None:
     largest = np.max(np.abs(blocks), axis=(0, 2), initial=0.0)
-    if not largest.max(initial=0.0) <= FLOAT32_MAX:  # NaN, too
+    if not largest.max(initial=0.0) <= FLOAT32_MAX:  # also catches NaN
         worst = int(np.argmax(np.where(np.isfinite(largest), largest, np.inf)))
         raise InputError(
             f"projector pixel {rows[worst]}: its weights in T⁺ are beyond float32; the light that it sends is too "
@@ -104,7 +111,7 @@ def _refuse_overflow(rows: IntArray, blocks: FloatArray) -> None:
 
 
 def join(pieces: Sequence[Piece], shape: tuple[int, int]) -> Joined:
-    """All pieces as sparse rows of T⁺, (projector pixels, camera pixels); those that no piece holds are empty."""
+    """Join pieces to sparse rows of T⁺, (projector pixels, camera pixels); rows without a piece are empty."""
     row_count, columns = shape
     lengths = np.zeros(row_count, np.int64)
     changed, residual = np.zeros((row_count, 3)), np.zeros(row_count)

@@ -1,6 +1,6 @@
-"""A few squares of the camera's picture that stand for all of it, where the whole would take minutes.
+"""A few squares of the camera picture that represent the whole, where the whole would take minutes.
 
-λ and the steps that a room needs are means over the picture: five squares give them (docs/size.md).
+λ and the necessary steps are means over the picture; five squares are enough to find them (docs/size.md).
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from counterlight.arrays import BoolArray, IntArray
 from counterlight.tools.transport.transport import Csr
 
 SIDE, SMALLEST_SIDE = 96, 24
-MOST_ENTRIES = 1 << 21  # of T in all squares
-BORDER = 8  # pixels of a square that stand for what lies beside it
+MOST_ENTRIES = 1 << 21  # entries of T in all squares
+BORDER = 8  # outer pixels of a square, which represent its surroundings
 CENTRES = ((0.5, 0.5), (0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75))
 
 
@@ -21,25 +21,27 @@ CENTRES = ((0.5, 0.5), (0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75))
 class Squares:
     """Camera pixels of some squares, ascending.
 
-    rows : (n,).  inner : (n,), those that do not stand at a square's border.
+    rows : (n,).
+    inner : (n,) bool. Pixels away from a square's border.
     """
 
     rows: IntArray
     inner: BoolArray
 
     def compact(self, T: Csr, columns: IntArray) -> Csr:
-        """T of these camera pixels, and of those projector pixels only."""
+        """Return T of these camera pixels and the given projector pixels."""
         return Csr(T[self.rows][:, columns])
 
     def columns(self, T: Csr) -> IntArray:
-        """Projector pixels that light them, ascending."""
+        """Return the projector pixels that light them, ascending."""
         return np.unique(T[self.rows].indices).astype(np.int64)
 
 
 def squares_of(mask: NDArray[np.bool_], entries: int) -> Squares:
-    """Squares of at most 96 pixels a side in the mask's bounding box, smaller where T is dense.
+    """Return squares of at most 96 pixels a side in the mask's bounding box, smaller if T is dense.
 
-    mask : (camera height, camera width), where any pixel counts.  entries : of T, of one channel.
+    mask : (camera height, camera width). Pixels that count.
+    entries : entries of T in one channel.
     """
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     top, left, height, width = rows[0], columns[0], int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1
@@ -61,5 +63,5 @@ def squares_of(mask: NDArray[np.bool_], entries: int) -> Squares:
 
 
 def _inner(start: int, side: int, extent: int) -> slice:
-    """Along an axis, without the border, which the picture's own edge has none of."""
+    """Return the part along an axis without the border; there is no border at the picture's own edge."""
     return slice(start + BORDER if start > 0 else 0, start + side - BORDER if start + side < extent else extent)

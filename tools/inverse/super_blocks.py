@@ -1,8 +1,8 @@
-"""Windows inverted elsewhere: super-blocks of them, each of which reads its own slice of T from a shared folder.
+"""Windows inverted on other machines: each super-block reads its own slice of T from a shared folder.
 
-A slice is what the windows of a super-block can ever look at: the columns of T, and N's rows and columns, of the pixels
-that their widest windows touch. Its numbers are those of the whole in the same order, and so is the result to the last
-bit.
+A slice holds everything that the windows of a super-block can use: the columns of T, and N's rows and columns, of the
+pixels that their widest windows touch. Values and their order equal those of the whole, so the result is identical to
+the last bit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ from counterlight.raster import Region
 from counterlight.tools.inverse.rows import Piece, Truncation
 from counterlight.tools.inverse.windows import HALOS, WindowedChannel, WindowRows, Windows, windowed_jobs
 
-SIDE = 4  # blocks of a super-block
+SIDE = 4  # blocks per side of a super-block
 MATRICES = "columns", "normal"
 PARTS = "data", "indices", "indptr"
 SHARED, REACH = "windows.npz", "reach.npy"
@@ -30,7 +30,7 @@ SHARED, REACH = "windows.npz", "reach.npy"
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """Who inverts windows, and where they find them.  folder : an empty one that all workers see."""
+    """Inverts windows with other workers. folder : an empty folder that all workers can read."""
 
     workers: Workers
     folder: Path
@@ -38,7 +38,7 @@ class Elsewhere:
     def pieces(
         self, channels: Sequence[WindowedChannel], windows: Windows, truncation: Truncation, tolerance: float
     ) -> Iterator[Piece]:
-        """All windows inverted, as `windowed_jobs` does."""
+        """Invert all windows, as `windowed_jobs` does."""
         np.save(self.folder / REACH, truncation.reach)
         regions = np.array([tuple(region) for region in windows.regions], np.int64).reshape(-1, 4)
         np.savez(self.folder / SHARED, member=windows.member, told=[windows.halo, windows.block], regions=regions)
@@ -54,18 +54,19 @@ class Elsewhere:
 
 
 def invert_super_block(folder: Path, number: int, budget: float, tolerance: float, channels: int) -> list[Piece]:
-    """The windows of one super-block; for a worker."""
+    """Invert the windows of one super-block; runs on a worker."""
     whole, reach = _windows(folder), np.load(folder / REACH, mmap_mode="r")
     with np.load(folder / f"{number}.npz") as stored:
         slices = tuple(_Slice(stored, i) for i in range(channels))
         corners = [(int(y), int(x)) for y, x in stored["corners"]]
     jobs = windowed_jobs(slices, whole, Truncation(reach, budget), tolerance, corners)
-    with threadpool_limits(limits=1):  # as the threads of tools/jobs.py, for the same bits
+    # one thread, as tools/jobs.py uses, so that results are identical to the last bit
+    with threadpool_limits(limits=1):
         return [job() for job in jobs]
 
 
 class _Slice(WindowedChannel):
-    """A channel of which only some projector pixels are there, under their numbers in the whole."""
+    """A channel with only some projector pixels, which keep their numbers in the whole."""
 
     def __init__(self, stored: Any, channel: int) -> None:
         self._pixels: IntArray = stored[f"{channel}_pixels"]
@@ -93,7 +94,7 @@ def _slice(channel: WindowedChannel, windows: Windows, corners: Sequence[tuple[i
 
 
 def _super_blocks(windows: Windows) -> list[list[tuple[int, int]]]:
-    """The corners of all blocks, those near each other together."""
+    """Return the corners of all blocks, grouped by proximity."""
     side, groups = SIDE * windows.block, dict[tuple[int, int], list[tuple[int, int]]]()
     for y, x in windows.blocks():
         groups.setdefault((y // side, x // side), []).append((y, x))

@@ -1,13 +1,13 @@
-"""Direct mapping to a fraction of a pixel: each projector pixel looks up where the camera sees it (thesis 6.1).
+"""Direct mapping with sub-pixel precision: each projector pixel finds the place where the camera sees it (thesis 6.1).
 
 "An inverse mapping is achieved through triangulation and interpolation": each camera pixel has one place on the
-projector, the middle of the light that it sees there; Delaunay's triangles join the places, and a projector pixel asks
-the three camera pixels of the triangle that holds it, by its barycentric weights β:
+projector, the centre of the light that it sees there. Delaunay triangles connect the places. A projector pixel uses the
+three camera pixels of its triangle, with its barycentric weights β:
 
     p_j = Σ β_k b_k / Σ β_k (T·1)_k
 
-as a shader does that samples the picture, the ambient light and the floodlight at one place (SmartProjector, Bimber et
-al. 2005).
+A shader does the same when it samples picture, ambient light and floodlight at one place (SmartProjector, Bimber et al.
+2005).
 """
 
 from itertools import combinations
@@ -22,18 +22,19 @@ from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.transport.objective import FAINTEST
 from counterlight.tools.transport.transport import CHANNELS, Shape, Transport, luminance
 
-REACH = 3.0  # projector pixels around the strongest connection; what is further is other light
-NEIGHBOURS = 3.0  # camera pixels; corners of a triangle that are further apart are not of one surface
-ALIKE = 0.5  # a corner with a smaller share of the brightest's light looks past an edge
+REACH = 3.0  # projector pixels around the strongest connection; light beyond came another way
+NEIGHBOURS = 3.0  # camera pixels; triangles with corners further apart cross surfaces
+ALIKE = 0.5  # a corner with a smaller share of the brightest corner's light looks past an edge
 
 
 def triangulated_mapping(T: Transport, camera: Shape, projector: Shape) -> SparseRows:
-    """The drive per light asked for, (projector pixels, camera pixels).
+    """Return the drive per unit of target light, (projector pixels, camera pixels).
 
-    A projector pixel that no triangle of one surface holds asks the camera pixel that it lights most, as
-    `direct_mapping` does. Blurred light is left aside.
+    A projector pixel outside all triangles of one surface uses the camera pixel that it lights most, as in
+    `direct_mapping`. Blurred light is ignored.
 
-    T : of the camera pixels that count.  camera, projector : (height, width).
+    T : transport of the camera pixels that count.
+    camera, projector : (height, width).
     """
     composition = T.composition()
     direct = direct_mapping(T.T, composition, np.ones((T.shape[1], len(CHANNELS))))
@@ -50,10 +51,12 @@ def triangulated_mapping(T: Transport, camera: Shape, projector: Shape) -> Spars
 
 
 def places(near: SparseRows, width: int) -> tuple[IntArray, FloatArray]:
-    """The middle of the light that each camera pixel sees around its strongest connection.
+    """Return the centre of the light that each camera pixel sees around its strongest connection.
 
-    near : of T.  width : of the projector, pixels.
-    Returns the camera pixels that see any, (n,), and (n, 2), x and y on the projector.
+    near : near light of T.
+    width : width of the projector in pixels.
+
+    Returns the seeing camera pixels, (n,), and (n, 2), x and y on the projector.
     """
     light, rows = luminance(near.weights), near.rows
     at = np.stack([near.indices % width, near.indices // width], axis=1).astype(np.float64)
@@ -69,9 +72,9 @@ def places(near: SparseRows, width: int) -> tuple[IntArray, FloatArray]:
 
 
 def _held(seeing: IntArray, at: FloatArray, projector: Shape) -> tuple[IntArray, FloatArray]:
-    """Of each projector pixel the camera pixels of its triangle and their weights, (projector pixels, 3) each.
+    """Return each projector pixel's triangle of camera pixels, and their weights, (projector pixels, 3) each.
 
-    Weights are −1 where there is none.
+    Weights are −1 outside all triangles.
     """
     y, x = np.mgrid[: projector[0], : projector[1]]
     pixels = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
@@ -84,14 +87,16 @@ def _held(seeing: IntArray, at: FloatArray, projector: Shape) -> tuple[IntArray,
     two = np.einsum("jkl,jl->jk", to_beta[:, :2], pixels - to_beta[:, 2])
     beta = np.concatenate([two, 1 - two.sum(axis=1, keepdims=True)], axis=1)
     held = (triangle >= 0) & np.isfinite(beta).all(axis=1)
-    beta = np.clip(beta, 0, 1)  # a pixel on an edge is beyond it by rounding
+    beta = np.clip(beta, 0, 1)  # rounding may put a pixel on an edge outside
     return seeing[mesh.simplices[triangle]], np.where(held[:, None], beta, -1.0)
 
 
 def _of_one_surface(corners: IntArray, light: FloatArray, width: int) -> NDArray[np.bool_]:
-    """Whether a triangle's camera pixels are neighbours, and see about as much light.
+    """Return whether a triangle's camera pixels are neighbours, and see similar amounts of light.
 
-    corners : (projector pixels, 3).  light : (camera pixels,).  width : of the camera.
+    corners : (projector pixels, 3).
+    light : (camera pixels,).
+    width : width of the camera in pixels.
     """
     y, x = np.divmod(corners, width)
     close = [np.hypot(x[:, a] - x[:, b], y[:, a] - y[:, b]) <= NEIGHBOURS for a, b in combinations(range(3), 2)]

@@ -1,12 +1,12 @@
-"""Large clusters inverted through overlapping windows of the projector picture.
+"""Inverts large clusters through overlapping windows of the projector picture.
 
-Rows of a damped inverse decay: what a projector pixel needs to know lies within a few pixels around it. So each block
-of pixels solves the normal equations N x = 1_i, N = TᵀT + P + λ²I, of a window, the block and a halo, and keeps the
-block's rows x Tᵀ. What is left, r = N x − 1_i, lies just outside the window, and for any picture the drive differs from
-that of the exact inverse by rᵀ p*, p* the exact drive (docs/mathematics.md 2). The halo grows, block by block and
-channel by channel, until ‖r‖₁ is within the tolerance.
+Rows of a damped inverse decay: a projector pixel depends on a few pixels around it. Each block of pixels therefore
+solves the normal equations N x = 1_i, N = TᵀT + P + λ²I, on a window: the block and a halo. It keeps the block's rows x
+Tᵀ. The residual r = N x − 1_i lies just outside the window. For any picture, the drive differs from the exact inverse's
+drive p* by rᵀ p* (docs/mathematics.md 2). The halo grows per block and channel until ‖r‖₁ is within the tolerance.
 
-Of several projectors in one raster, a block's neighbours are also the others' pixels that light the same places.
+With several projectors in one raster, a block's neighbours include the other projectors' pixels that light the same
+places.
 """
 
 import time
@@ -29,7 +29,8 @@ BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
 HALOS = (4, 6, 8, 10, 12, 14, 17, 20, 24)
 SAMPLE_WINDOWS = 5
-QUICKENING = 30.0  # the decay quickens: residuals end up to so many times below what their first two halos foretell
+# the decay accelerates: residuals end up to this factor below the extrapolation from their first two halos
+QUICKENING = 30.0
 FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
 
 
@@ -37,7 +38,9 @@ FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
 class WindowRows:
     """Rows of T⁺ of one channel.
 
-    camera : (m,) pixels, ascending.  columns : (m, block pixels), each a row of T⁺.  residual : (block pixels,) ‖r‖₁.
+    camera : (m,). Camera pixels, ascending.
+    columns : (m, block pixels). Each column is a row of T⁺.
+    residual : (block pixels,). ‖r‖₁.
     """
 
     camera: IntArray
@@ -46,10 +49,12 @@ class WindowRows:
 
 
 class WindowedChannel:
-    """One colour channel of large clusters: T by columns, and N = TᵀT + P + λ²I, from which windows are cut.
+    """One colour channel of large clusters: T by columns, and N = TᵀT + P + λ²I; windows are parts of N.
 
-    T : (camera pixels, projector pixels).  damping : λ > 0.  prior : P, (projector pixels, projector pixels).
-    camera_pixels : that see the projector, if T holds not the rows of all.
+    T : (camera pixels, projector pixels).
+    damping : λ > 0.
+    prior : P, (projector pixels, projector pixels).
+    camera_pixels : number that see the projector, if T lacks some of their rows.
     """
 
     def __init__(self, T: Csr, damping: float, prior: Csr | None = None, camera_pixels: int | None = None) -> None:
@@ -60,7 +65,7 @@ class WindowedChannel:
         self._normal = sparse.csr_array(normal if prior is None else normal + prior)
 
     def solve(self, block: IntArray, window: IntArray) -> WindowRows:
-        """Rows `block` of T⁺ computed on `window` ⊇ block (projector pixels, both ascending)."""
+        """Return rows `block` of T⁺, computed on `window` ⊇ block (projector pixels, both ascending)."""
         normal, outside = self._split(window)
         X = columns_of_inverse(normal, np.searchsorted(window, block))
         residual = np.abs(outside @ X).sum(axis=0)
@@ -70,15 +75,15 @@ class WindowedChannel:
         return WindowRows(camera.astype(np.int64), compact @ X, residual)
 
     def touched(self, block: IntArray) -> IntArray:
-        """Projector pixels that light what a block's pixels light, ascending."""
+        """Return the projector pixels that share lit camera pixels with a block, ascending."""
         return np.unique(self._normal[block].indices).astype(np.int64)
 
     def part(self, pixels: IntArray) -> tuple[sparse.csc_array, Csr]:
-        """T's columns and N's rows and columns of some projector pixels, ascending."""
+        """Return T's columns, and N's rows and columns, for some projector pixels, ascending."""
         return self._columns[:, pixels], self._normal[pixels][:, pixels]
 
     def _split(self, window: IntArray) -> tuple[Csr, Csr]:
-        """N[window, window], and N[outside, window] with rows for those pixels only that the window touches."""
+        """Return N[window, window], and N[outside, window] with rows only for pixels that the window touches."""
         rows = self._normal[window]
         place = np.minimum(np.searchsorted(window, rows.indices), window.size - 1)
         inside = window[place] == rows.indices
@@ -91,9 +96,12 @@ class WindowedChannel:
 
 @dataclass(frozen=True)
 class Windows:
-    """How large clusters are cut: their pixels as a picture, the blocks' side and the halo to begin with.
+    """The division of large clusters into windows.
 
-    regions : of several projectors in the picture; empty for one.
+    member : (projector height, projector width) bool. Pixels of the clusters.
+    halo : first halo.
+    block : side of the blocks.
+    regions : regions of several projectors; empty for one.
     """
 
     member: NDArray[np.bool_]
@@ -102,9 +110,9 @@ class Windows:
     regions: tuple[Region, ...] = ()
 
     def blocks(self) -> list[tuple[int, int]]:
-        """Upper left corners (row, column) of the blocks that hold any pixel of the clusters.
+        """Return the upper left corners (row, column) of the blocks with any pixel of the clusters.
 
-        No block reaches from one projector's region into another's.
+        No block extends across the regions of two projectors.
         """
         corners = [
             (y, x)
@@ -115,7 +123,7 @@ class Windows:
         return [corner for corner in corners if self.pixels(corner, 0).size]
 
     def pixels(self, corner: tuple[int, int], halo: int) -> IntArray:
-        """Projector pixels of the clusters in the block at `corner` widened by `halo`, ascending."""
+        """Return the clusters' projector pixels in the block at `corner` widened by `halo`, ascending."""
         y, x = corner
         own = next((region for region in self.regions if _holds(region, y, x)), self._whole)
         below, right = min(y + self.block, own.top + own.height), min(x + self.block, own.left + own.width)
@@ -124,7 +132,7 @@ class Windows:
         return np.asarray((inside_y + rows.start) * self.member.shape[1] + inside_x + columns.start, np.int64)
 
     def window(self, channel: WindowedChannel, corner: tuple[int, int], halo: int) -> IntArray:
-        """What a block is solved on, ascending: its own surroundings, and those of what it touches in other regions."""
+        """Return a block's window, ascending: its surroundings, and in other regions those of the pixels it touches."""
         near = self.pixels(corner, halo)
         if not self.regions:
             return near
@@ -141,7 +149,7 @@ class Windows:
         return Region(0, 0, self.member.shape[1], self.member.shape[0])
 
     def _around(self, y: IntArray, x: IntArray, region: Region, halo: int) -> IntArray:
-        """The clusters' pixels of a region that are at most `halo` from one of the given, in rows and in columns."""
+        """Return the clusters' pixels of a region within `halo` rows and columns of a given pixel."""
         top, left = max(y.min() - halo, region.top), max(x.min() - halo, region.left)
         below = min(y.max() + halo + 1, region.top + region.height)
         right = min(x.max() + halo + 1, region.left + region.width)
@@ -153,18 +161,19 @@ class Windows:
 
 
 def _holds(region: Region, y: IntArray | int, x: IntArray | int) -> NDArray[np.bool_]:
-    """Whether pixels are in a region."""
+    """Return whether pixels are in a region."""
     inside_y = (y >= region.top) & (y < region.top + region.height)
     return np.asarray(inside_y & (x >= region.left) & (x < region.left + region.width))
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """What a few windows of one channel found.
+    """Results of a few windows of one channel.
 
-    windows : with the smallest halo that most of them get by with; blocks grow their own.
-    seconds : of a processor, that all blocks take, three channels.  entries : of T⁺, (pixels of the clusters) times the
-    mean of the sample's rows.  failing : share of the sample that no halo brings within the tolerance.
+    windows : with the smallest halo that suits most of the sample; each block may enlarge its own.
+    seconds : core seconds of all blocks, three channels.
+    entries : entries of T⁺: pixels of the clusters times the mean row length of the sample.
+    failing : share of the sample that no halo brings within the tolerance.
     """
 
     windows: Windows
@@ -180,10 +189,11 @@ def plan_windows(
     regions: Sequence[Region] = (),
     truncation: Truncation | None = None,
 ) -> Sampled:
-    """Blocks, and what a few of them take and give.
+    """Plan the blocks, and measure a few of them.
 
-    member : (projector height, projector width).  regions : of several projectors in it.
-    truncation : of T⁺'s rows; None to ask for no entries.
+    member : (projector height, projector width).
+    regions : regions of several projectors.
+    truncation : truncation of T⁺'s rows; None to skip the entries.
     """
     side = _block_side(member, channel.camera_pixels)
     narrow = Windows(member, HALOS[0], side, tuple(regions) if len(regions) > 1 else ())
@@ -200,14 +210,14 @@ def plan_windows(
 
 
 def sampled_pixels(member: NDArray[np.bool_]) -> IntArray:
-    """Projector pixels of the widest windows that `plan_windows` samples where blocks are as large as they can be."""
+    """Return the projector pixels of the widest windows that `plan_windows` samples, for the largest block size."""
     widest = Windows(member, HALOS[0], BLOCKS[0])
     return np.unique(np.concatenate([widest.pixels(each, HALOS[-1]) for each in _spread(widest.blocks())]))
 
 
 @dataclass(frozen=True)
 class _Sample:
-    """A window's halo, residual (‖r‖₁), and processor seconds with that halo; rows and their entries."""
+    """A window's halo, residual (‖r‖₁) and core seconds with that halo; its rows and their entries."""
 
     halo: int
     residual: float
@@ -238,7 +248,7 @@ def _spread(corners: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
-    """The largest side whose rows, over all camera pixels that a window sees, stay within memory."""
+    """Return the largest side for which a block's rows, over all camera pixels that a window sees, fit in memory."""
     density = camera_pixels / np.count_nonzero(member)
     for side in BLOCKS:
         seen = min(density * (side + 2 * HALOS[-1]) ** 2, camera_pixels)
@@ -250,10 +260,10 @@ def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
 def _grow(
     channel: WindowedChannel, windows: Windows, corner: tuple[int, int], tolerance: float
 ) -> tuple[WindowRows, int]:
-    """The block at `corner`, solved with the first halo whose residual is within the tolerance.
+    """Solve the block at `corner` with the first halo whose residual is within the tolerance.
 
-    Where two halos say that not even the widest will come near it, the second is the last: each further one costs more
-    and gains little.
+    If two halos show that even the widest will miss the tolerance by far, the second is the last: wider halos cost more
+    and gain little.
     """
     block = windows.pixels(corner, 0)
     previous: tuple[int, float] | None = None
@@ -267,7 +277,7 @@ def _grow(
 
 
 def _hopeless(first: int, before: float, second: int, after: float, tolerance: float) -> bool:
-    """Whether a residual that falls from halo to halo as it did between two ends far above the tolerance."""
+    """Return whether a residual that keeps falling at this rate ends far above the tolerance."""
     decay = (after / before) ** (1 / (second - first))
     return bool(after * decay ** (HALOS[-1] - second) > QUICKENING * tolerance)
 
@@ -279,7 +289,7 @@ def windowed_jobs(
     tolerance: float,
     corners: Sequence[tuple[int, int]] | None = None,
 ) -> Iterator[Callable[[], Piece]]:
-    """Jobs that invert one block of projector pixels each.  corners : of the blocks; None for all."""
+    """Yield jobs that invert one block of projector pixels each. corners : of the blocks; None for all."""
     for corner in windows.blocks() if corners is None else corners:
         yield partial(_invert, channels, windows, corner, truncation, tolerance)
 

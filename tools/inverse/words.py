@@ -1,18 +1,19 @@
-"""A room's light in words of 4 bytes, made once, so that playing only has to read them."""
+"""Packs a room's light in words of 4 bytes during the build, so that playback only reads them."""
 
 from counterlight import memory
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.word_map import MOST_WORDS, RoomWords, WordMap
 from counterlight.tools.inverse.words_light import words_of_light
 
-ENTRY_BYTES = 200  # of T at work, an entry
+ENTRY_BYTES = 200  # per entry of T during work
 
 
 def words_of(maps: RoomMaps, max_error: float) -> RoomWords | None:
-    """Words for T and Tᵀ; None where they miss their bound, for more than a texture holds, or too little memory, and
-    for blurred light, whose factors have none.
+    """Return words for T and Tᵀ, or None if they miss their bound, are too large, or do not support the light.
 
-    max_error : code values.
+    A texture and the available memory limit the size. Blurred light has no words.
+
+    max_error : in code values.
     """
     if maps.blurred is not None or ENTRY_BYTES * maps.transport.count > memory.available_bytes():
         return None

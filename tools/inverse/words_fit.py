@@ -1,8 +1,8 @@
-"""The colours and codes of a matrix in words, so that no result changes by more than is allowed (maps/small_map.py).
+"""Fits colours and codes of a matrix in words, so that no result changes by more than allowed (maps/small_map.py).
 
-Most rows have one colour, that of their sum: codes of one number for all channels are exact but for rounding. Of the
-others, a row's colour is the weighted median of its entries' colours, which is that of most of them, and entries get a
-code for each channel, those first that change the result most, until the change is allowed.
+Most rows have one colour, that of their sum; one code for all channels is then exact except for rounding. For other
+rows, the colour is the weighted median of the entries' colours. Entries then get one code per channel, those with the
+largest effect first, until the change is allowed.
 """
 
 import math
@@ -17,16 +17,19 @@ from counterlight.maps.products import LARGE, compiled, kept
 from counterlight.maps.row_map import SparseRows
 from counterlight.maps.small_map import FRACTION_BITS, FULL, HIGHEST, LARGEST_CODE, MOST_SHIFT
 
-LEVEL = 8  # times as large as another channel's that the largest code of a channel may be
+LEVEL = 8  # a channel's largest code may be this many times another channel's
 
 IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Fit:
-    """scale, colours, (rows,) uint32, codes, (entries, 3) int32 : as SmallMap has them.
+    """The fitted words.
 
-    change : (rows, 3), the most by which a row's product with a source of 0..reach is off.
+    scale : as in SmallMap.
+    colours : (rows,) uint32, as in SmallMap.
+    codes : (entries, 3) int32, as in SmallMap.
+    change : (rows, 3). Largest error of a row's product with a source of 0..reach.
     """
 
     scale: float
@@ -36,15 +39,16 @@ class Fit:
 
 
 def scale_of(largest: float) -> float:
-    """Of codes for weights up to `largest`: colours have shares of 1/FULL and more."""
+    """Return the scale of codes for weights up to `largest`; a colour's shares are at least 1/FULL."""
     return float(2.0 ** np.ceil(np.log2(FULL * largest / LARGEST_CODE))) if largest > 0 else 1.0
 
 
 def fit(rows: SparseRows, reach: FloatArray, allowed: FloatArray, scale: float | None = None) -> Fit:
-    """Colours and codes of a matrix.
+    """Fit colours and codes of a matrix.
 
-    reach : (columns, 3), the most that the source holds.  allowed : (rows, 3), how far a product may be off; where
-    codes of 16 bits cannot keep it, `change` is larger.  scale : as `scale_of` has it, of more rows than these.
+    reach : (columns, 3). Largest source values.
+    allowed : (rows, 3). Allowed error of a product; `change` is larger if codes of 16 bits cannot keep it.
+    scale : from `scale_of`, shared with further rows; None for these rows alone.
     """
     if scale is None:
         scale = scale_of(max(float(rows.weights.max(initial=0.0)), -float(rows.weights.min(initial=0.0))))
@@ -58,7 +62,7 @@ def fit(rows: SparseRows, reach: FloatArray, allowed: FloatArray, scale: float |
 
 @kept()
 def _coded(value: float) -> int:
-    """The nearest code, as `small_map.coded`."""
+    """Return the nearest code, as `small_map.coded` does."""
     value = min(max(value, -LARGEST_CODE), LARGEST_CODE)
     shift = min(max(math.frexp(value)[1] - FRACTION_BITS - 1, 0), MOST_SHIFT)
     unit = float(1 << shift)
@@ -67,7 +71,7 @@ def _coded(value: float) -> int:
 
 @kept()
 def _colour(bits: np.uint32) -> FloatArray:
-    """As `small_map.colours_of`."""
+    """Decode a colour, as `small_map.colours_of` does."""
     number = np.int64(bits)
     largest, size = number >> 30, 2.0 ** ((number >> 24 & HIGHEST) - HIGHEST)
     colour = np.full(3, size)
@@ -78,7 +82,7 @@ def _colour(bits: np.uint32) -> FloatArray:
 
 @kept()
 def _colour_bits(colour: FloatArray, weights: FloatArray) -> int:
-    """A colour in 32 bits, so scaled that no code is beyond LARGEST_CODE."""
+    """Encode a colour in 32 bits, scaled so that no code exceeds LARGEST_CODE."""
     largest = 0
     for k in (1, 2):
         if colour[k] > colour[largest]:
@@ -97,7 +101,7 @@ def _colour_bits(colour: FloatArray, weights: FloatArray) -> int:
 
 @kept()
 def _one_code_each(weights: FloatArray, colour: FloatArray, codes: NDArray[np.int32]) -> None:
-    """The median of the three channels' codes, for all of them."""
+    """Give each entry one code for all channels: the median of the three channels' codes."""
     for i in range(len(weights)):
         a, b, c = weights[i, 0] / colour[0], weights[i, 1] / colour[1], weights[i, 2] / colour[2]
         code = _coded(max(min(a, b), min(max(a, b), c)))
@@ -109,7 +113,7 @@ def _one_code_each(weights: FloatArray, colour: FloatArray, codes: NDArray[np.in
 def _too_much_and_too_little(
     weights: FloatArray, reach: FloatArray, colour: FloatArray, codes: NDArray[np.int32]
 ) -> FloatArray:
-    """By which a row's product is off at most, (2, 3)."""
+    """Return the largest positive and negative error of a row's product, (2, 3)."""
     found = np.zeros((2, 3))
     for i in range(len(weights)):
         for k in range(3):
@@ -121,7 +125,7 @@ def _too_much_and_too_little(
 
 @kept()
 def _beyond(change: FloatArray, allowed: FloatArray) -> bool:
-    """Whether any of what is too much or too little, (2, 3), is more than is allowed, (3,)."""
+    """Return whether any error, (2, 3), exceeds the allowed one, (3,)."""
     beyond = False
     for k in range(3):
         beyond |= change[0, k] > allowed[k] or change[1, k] > allowed[k]
@@ -130,7 +134,7 @@ def _beyond(change: FloatArray, allowed: FloatArray) -> bool:
 
 @kept()
 def _median_colour(weights: FloatArray, reach: FloatArray) -> FloatArray:
-    """Of each channel's share of an entry, the median by the entries' light."""
+    """Return the median of the entries' colours, weighted by the entries' light."""
     count = len(weights)
     own, heavy, shares, colour = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(3)
     for i in range(count):
@@ -155,7 +159,7 @@ def _median_colour(weights: FloatArray, reach: FloatArray) -> FloatArray:
 
 @kept()
 def _levelled(colour: FloatArray, weights: FloatArray) -> FloatArray:
-    """Channels raised where codes would be much larger than another's: they share one scale."""
+    """Raise channels whose codes would be much larger than another channel's, because all share one scale."""
     largest, finest = np.zeros(3), np.inf
     for k in range(3):
         for i in range(len(weights)):
@@ -172,7 +176,7 @@ def _levelled(colour: FloatArray, weights: FloatArray) -> FloatArray:
 def _as_many_as_needed(
     weights: FloatArray, reach: FloatArray, colour: FloatArray, allowed: FloatArray, codes: NDArray[np.int32]
 ) -> None:
-    """Three codes for the entries that change the result most, one for as many others as the change allows."""
+    """Give one code to as many entries as the allowed change permits; the entries with the largest effect get three."""
     one = np.empty_like(codes)
     _one_code_each(weights, colour, one)
     worst = np.zeros(len(weights))
@@ -202,9 +206,9 @@ def _fit_row(
     codes: NDArray[np.int32],
     change: FloatArray,
 ) -> int:
-    """Fills the codes and the change of one row; its colour.  allowed, change : over the scale.
+    """Fit the codes and the change of one row; returns its colour. allowed, change : divided by the scale.
 
-    Loops, not arrays' sums and slices: those take Numba half a minute to compile.
+    Explicit loops: Numba takes half a minute to compile array sums and slices.
     """
     light, at, total = np.empty((indices.size, 3)), np.empty((indices.size, 3)), np.zeros(3)
     for i in range(indices.size):
@@ -221,7 +225,7 @@ def _fit_row(
         _as_many_as_needed(light, at, colour, allowed, codes)
         found = _too_much_and_too_little(light, at, colour, codes)
     for k in range(3):
-        change[k] = max(found[0, k], found[1, k])  # a source may hold either alone
+        change[k] = max(found[0, k], found[1, k])  # a source may produce either error alone
     return bits
 
 
@@ -236,7 +240,7 @@ def _fit_rows(
     codes: NDArray[np.int32],
     change: FloatArray,
 ) -> None:
-    """Fills colours, codes and change; allowed and change over the scale."""
+    """Fit colours, codes and change of all rows. allowed, change : divided by the scale."""
     for row in numba.prange(indptr.size - 1):
         own = slice(indptr[row], indptr[row + 1])
         colours[row] = _fit_row(indices[own], weights[own], scale, reach, allowed[row], codes[own], change[row])

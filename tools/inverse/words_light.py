@@ -1,8 +1,8 @@
 """A room's light T = S + U M D and its transpose in words, certified (maps/small_map.py, docs/gpu.md).
 
-S and U share one picture of colours, so that a residual times w C is the source of Sᵀ and Uᵀ alike. For no drive of
-0..1 is the camera's picture off by more than `allowed`: half a code value of white, or of a pixel's own full light
-where that is less. Of that S may take NEAR where there is far light, and U, M and D a third of the rest each:
+S and U share one picture of colours, so that a residual times w C is the source of both Sᵀ and Uᵀ. For any drive in
+0..1, the camera picture changes by at most `allowed`: half a code value of white, or of a pixel's own full light if
+that is less. S may use the share NEAR of this if there is far light; U, M and D may use a third of the rest each:
 
     Û M̂ D̂ − U M D = (Û − U) M D + Û (M̂ − M) D + Û M̂ (D̂ − D).
 """
@@ -22,25 +22,25 @@ from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap
 from counterlight.tools.inverse.words_fit import Fit, fit, scale_of
 
 CODES = 255
-MOST_CODES = 0.5  # of white in the camera's picture; less where the map was built with a smaller --max-error
-DARKEST = 1 / 32  # of white: pixels that full drive lights less may change as much as one that it lights so
+MOST_CODES = 0.5  # of white in the camera picture; less if the map was built with a smaller --max-error
+DARKEST = 1 / 32  # of white: darker pixels may change as much as a pixel of this brightness
 NEAR = 0.5
-USED = 0.8  # of what is allowed, so that words hold while a lamp grows dimmer by a fifth
+USED = 0.8  # of the allowed change; words then stay valid while a lamp dims by a fifth
 LEAST = 1e-30
 
 
 @dataclass(frozen=True)
 class SmallLight:
-    """The maps of T and Tᵀ by their names (RoomMaps.named), and how much of what is allowed they change at most."""
+    """The maps of T and Tᵀ by name (RoomMaps.named), and the largest used share of the allowed change."""
 
     maps: dict[str, SmallMap]
     used: float
 
 
 def words_of_light(maps: RoomMaps, max_error: float) -> SmallLight | None:
-    """What takes the place of T and Tᵀ; None without refinement.
+    """Return words that replace T and Tᵀ; None without refinement.
 
-    max_error : what the maps were built for, code values.
+    max_error : truncation of the maps, in code values.
     """
     if maps.refinement is None or max_error <= 0 or max(_sizes(maps)) > FARTHEST_JUMP:
         return None
@@ -53,7 +53,7 @@ def words_of_light(maps: RoomMaps, max_error: float) -> SmallLight | None:
 
 
 def _heard(refinement: RefinementMaps) -> NDArray[np.bool_]:
-    """The camera pixels that TᵀW reads, (camera pixels,)."""
+    """Return the camera pixels that TᵀW reads, (camera pixels,)."""
     heard = np.zeros(refinement.weights.size, bool)
     for packed in (refinement.dual, *([refinement.far_dual.gather] if refinement.far_dual else [])):
         for _, rows in in_blocks(packed):
@@ -67,7 +67,7 @@ def _sizes(maps: RoomMaps) -> list[int]:
 
 @dataclass(frozen=True)
 class _Far:
-    """D, and M without the cells that no drive reaches; D 1 and M D 1, (cells, 3)."""
+    """D, M without the cells that no drive reaches, and D 1 and M D 1, (cells, 3)."""
 
     gather: SparseRows
     mix: SparseRows
@@ -84,10 +84,12 @@ class _Far:
 
 @dataclass(frozen=True)
 class _Seen:
-    """S, and U if there is any, some rows at a time; and what all of them see.
+    """S, and U if there is far light, read in bands, with the light of all rows.
 
-    maps : S and U.  reach : the most that either's source holds, (columns of both, 3).
-    bands : first row and the one after the last.  full, light : T 1 and U M D 1, (camera pixels, 3).
+    maps : S and U.
+    reach : (columns of both, 3). Largest values of their sources.
+    bands : (first row, last row), last exclusive.
+    full, light : (camera pixels, 3). T 1 and U M D 1.
     """
 
     maps: tuple[RowMap, ...]
@@ -115,12 +117,12 @@ class _Seen:
         return seen
 
     def rows(self, first: int, last: int) -> list[SparseRows]:
-        """Of S, and of U if there is any."""
+        """Return the rows of S, and of U if there is far light."""
         return [ascending(rows_between(packed, first, last)) for packed in self.maps]
 
     @property
     def scale(self) -> float:
-        """Of the codes of both."""
+        """The common scale of the codes of S and U."""
         weights = [packed.entries[..., :3] for packed in self.maps]
         return scale_of(max(max(float(each.max()), -float(each.min())) for each in weights))
 
@@ -132,7 +134,7 @@ def magnitude(rows: SparseRows) -> SparseRows:
 def _maps(
     maps: RoomMaps, seen: _Seen, far: _Far | None, allowed: FloatArray, trust: NDArray[np.int16]
 ) -> tuple[dict[str, SmallMap], FloatArray]:
-    """Every map of T and Tᵀ, and the change of each camera pixel, (camera pixels, 3)."""
+    """Return every map of T and Tᵀ, and the change of each camera pixel, (camera pixels, 3)."""
     projector = maps.transport.source_shape
     if far is None or maps.far is None:
         (transport,), change = _seen_light(seen, allowed, trust)
@@ -161,7 +163,7 @@ def _maps(
 
 
 def _seen_light(seen: _Seen, allowed: FloatArray, trust: NDArray[np.int16]) -> tuple[list[SmallMap], FloatArray]:
-    """S, and U if there is any, of one picture of colours; their change, (camera pixels, 3)."""
+    """Return S, and U if there is far light, with shared colours; and their change, (camera pixels, 3)."""
     found: list[list[SmallMap]] = [[] for _ in seen.maps]
     change, scale = np.zeros_like(allowed), seen.scale
     for first, last in seen.bands:
@@ -185,14 +187,18 @@ def small_map(
     chosen: NDArray[np.bool_] | None = None,
     trust: NDArray[np.int16] | None = None,
 ) -> SmallMap:
-    """shapes : of output and source.  chosen : which of the codes found are this map's, (codes,)."""
+    """Make a small map.
+
+    shapes : of output and source.
+    chosen : (codes,) bool. Codes that belong to this map; None for all.
+    """
     codes = found.codes if chosen is None else found.codes[chosen]
     indptr, indices = rows.indptr.astype(np.int64), rows.indices.astype(np.int32)
     return without_nothing(SmallMap(indptr, indices, codes, *shapes, found.colours, trust, found.scale))
 
 
 def ascending(rows: SparseRows) -> SparseRows:
-    """The entries of each row in the order of their columns, as words need them."""
+    """Sort the entries of each row by column, as words require."""
     rises = np.diff(rows.indices, prepend=-1) > 0
     rises[rows.indptr[:-1][rows.lengths > 0]] = True
     if rises.all():
@@ -202,14 +208,14 @@ def ascending(rows: SparseRows) -> SparseRows:
 
 
 def without_nothing(small: SmallMap) -> SmallMap:
-    """Entries whose three codes are 0 left out."""
+    """Drop entries whose three codes are 0."""
     return small.where(np.asarray(small.codes.any(axis=1)))
 
 
 def _below(
     parts: Sequence[SmallMap], output: tuple[int, int], source: tuple[int, int], trust: NDArray[np.int16]
 ) -> SmallMap:
-    """Rows one part after the other.  trust : of all."""
+    """Stack the rows of several parts. trust : of all rows."""
     lengths = np.concatenate([np.diff(part.indptr) for part in parts])
     indices, codes, colours = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("indices", "codes", "colours")

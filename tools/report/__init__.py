@@ -1,6 +1,7 @@
-"""What `counterlight build --report` shows a person: one page, its pictures, and the same figures as JSON.
+"""The report of `counterlight build --report`: one page, its pictures, and the same figures as JSON.
 
-spectra.py and impossible.py measure, advice.py says what they and tools.ways found, pictures.py and charts.py draw,
-page.py lays out, report.py joins and writes.
+spectra.py and impossible.py measure. advice.py explains their findings and the findings of tools.ways. pictures.py and
+charts.py draw, page.py and layout.py lay out, report.py joins and writes. acquired.py reports on acquisitions.
+
 May import player and tools.{transport,clusters,inverse,relighting,ways}. Read next: report.py.
 """

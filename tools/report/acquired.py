@@ -1,4 +1,4 @@
-"""The report on an acquisition: what was captured, what T became of it, and how well a picture could be compensated."""
+"""The report on an acquisition: the captures, the resulting T, and the expected quality of compensation."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -25,11 +25,11 @@ from counterlight.tools.transport.transport import Transport, luminance
 from counterlight.writing.replacing import replacing_folder
 
 PROMISED = ("photograph", "letters")  # the first two typical pictures
-MOST_PREDICTED = 1 << 17  # camera pixels up to which the optimum is computed for the report
+MOST_PREDICTED = 1 << 17  # largest camera, in pixels, for which the report computes the optimum
 OPTIMUM_GAP, MOST_STEPS = 0.01, 300  # relative gap of the squared error; steps of projected gradient
 CURVE = 65  # points of a response's curve
 PRIMARY_COLOURS = "#c0392b", "#27913f", "#2f6fc0"
-SMOOTH = 6  # camera pixels a picture pixel: little detail, so that faults of T show
+SMOOTH = 6  # camera pixels per picture pixel: with little detail, faults of T are visible
 
 
 def write_acquisition_report(room: Path, report: AcquisitionReport, findings: list[Finding], folder: Path) -> Path:
@@ -46,11 +46,11 @@ def write_acquisition_report(room: Path, report: AcquisitionReport, findings: li
 def predicted_quality(
     transport: Transport, calibration: Calibration, check_error: float
 ) -> dict[str, dict[str, float]]:
-    """PSNR in dB of the best compensation, by the acquired T, and with the error that T showed in the check.
+    """Returns PSNR in dB of the best compensation, by the acquired T alone, and with the error of T in the check.
 
-    With error δ of a predicted light c, relative, the mean square grows by δ² mean c².
-    The optimum is certified to 0.04 dB. Where T is so ill-conditioned that MOST_STEPS do not suffice, the best picture
-    so far counts: on rooms of the rig and shipped rooms it was within 0.05 dB of the optimum.
+    A relative error δ of the predicted light c adds δ² mean c² to the mean squared error. The optimum is certified to
+    0.04 dB. If T is so ill-conditioned that MOST_STEPS do not suffice, the best picture so far counts. On rooms of the
+    rig and shipped rooms that picture was within 0.05 dB of the optimum.
     """
     shape, mask = calibration.camera.shape, calibration.mask
     white = reachable_white(transport.floodlight(calibration.ambient), mask)
@@ -93,7 +93,7 @@ def _pictures(
 
 
 def _floodlights(count: int) -> list[str]:
-    """Files of as many projectors' floodlit rooms."""
+    """Returns the file names of the floodlights, one per projector."""
     return ["floodlight.png"] if count == 1 else [f"floodlight_{number}.png" for number in range(1, count + 1)]
 
 
@@ -132,7 +132,7 @@ def _figures(
 
 
 def acquisition_page(figures: dict[str, Any]) -> str:
-    """The page, from the figures that the JSON holds."""
+    """Returns the page, from the figures in the JSON."""
     camera, projector = (f"{figures[side]['width']}x{figures[side]['height']}" for side in ("camera", "projector"))
     intro = table(
         [
@@ -154,7 +154,7 @@ def _outside(light: dict[str, Any] | None) -> str:
 
 
 def _each(figures: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """What is said of every projector, and what comes before it: its name, if there are several."""
+    """Yield a name (empty for one projector) and the figures of each projector."""
     several = len(figures["projectors"]) > 1
     for number, found in enumerate(figures["projectors"], 1):
         yield f"projector {number}: " if several else "", found
@@ -203,7 +203,7 @@ def _captured(figures: dict[str, Any]) -> Section:
 
 
 def _of_projector(device: Device, report: ProjectorReport) -> dict[str, Any]:
-    """How one was measured: checks, the curves that the room has of it, and how good readings and primaries were."""
+    """Returns how a projector was measured: checks, response curves, and errors of readings and primaries."""
     codes, done = np.repeat(np.linspace(0, 1, CURVE)[:, None], 3, axis=1), report.acquisition
     light = done.light
     measured = {} if light is None else {

@@ -1,7 +1,7 @@
-"""What cannot be compensated, area by area: where, because of what, and what would help.
+"""Areas that cannot be compensated, with the cause and a remedy.
 
-An area is connected pixels of one reason of the impossible map, or of detail that arrives without contrast; the way
-that most of its light came (tools.ways) and the light there say the cause.
+An area is connected pixels with one reason of the impossible map, or with detail that arrives without contrast. The
+cause follows from the way by which most of the area's light came (tools.ways), and from the light there.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from counterlight.tools.report.impossible import REASONS, Impossible
 from counterlight.tools.ways.footprints import PERIODS
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, STRAIGHT, TOLD, WAYS, Way, Ways
 
-LEAST_SHARE = 0.002  # of the view: smaller areas are edges
+LEAST_SHARE = 0.002  # share of the view; smaller areas are edges
 MOST = 8  # sentences
 SHARP = 8.0  # projector pixels: finer stripes lose contrast in any room
 BLUR = "lost_detail"
@@ -25,10 +25,11 @@ BLUR = "lost_detail"
 
 @dataclass(frozen=True)
 class Advice:
-    """Areas of one reason, one way.
+    """Areas with one reason and one way of light.
 
-    reason : of REASONS, or lost_detail.  pixels, share : of all areas.
-    box : of the largest: left, top, right, bottom, camera pixels, the last included.
+    reason : of REASONS, or lost_detail.
+    pixels, share : of all areas.
+    box : left, top, right, bottom of the largest area, camera pixels, inclusive.
     """
 
     reason: str
@@ -51,7 +52,10 @@ class Advice:
 
 
 def advise(tier: Tier, white: float, impossible: Impossible, ways: Ways) -> list[Advice]:
-    """One for each reason and way, the most pixels first.  white : that the maps were built for."""
+    """Returns one advice per reason and way, the most pixels first.
+
+    white : white level of the maps.
+    """
     found: dict[tuple[str, str], list[tuple[Way, BoolArray]]] = {}
     for reason, area in _areas(impossible, ways):
         way = _way(ways, area)
@@ -87,9 +91,11 @@ def _said(tier: Tier, white: float, ways: Ways, reason: str, areas: list[tuple[W
 
 @dataclass(frozen=True)
 class _Light:
-    """Medians of an area, in shares of white but for radius and finest, projector pixels, and bounced, of its light.
+    """Medians of an area, in shares of white unless stated.
 
-    tint : of the light that bounced, red, green and blue of 1 in all.
+    bounced : share of the area's light.
+    radius, finest : projector pixels.
+    tint : (3,). Bounced light by channel; the sum is 1.
     """
 
     reach: float
@@ -114,7 +120,7 @@ class _Light:
 
 
 def _words(reason: str, way: Way, light: _Light) -> tuple[str, str]:
-    """Because of what, and what would help."""
+    """Returns the cause and the remedy."""
     match reason:
         case "unlit":
             if way is BOUNCED:

@@ -1,4 +1,4 @@
-"""Histograms and curves as SVG inside the page: they take the page's colours, in the dark as in the light."""
+"""Histograms and curves as SVG inside the page, in the page's light or dark colours."""
 
 from collections.abc import Sequence
 from html import escape
@@ -12,7 +12,7 @@ BINS = 24
 
 
 def bins_of(values: NDArray[np.integer]) -> list[tuple[int, int, int]]:
-    """(lowest, highest, count) of up to 24 bins of equal ratio, whole numbers; every value is in exactly one."""
+    """Returns (lowest, highest, count) of up to 24 integer bins of equal ratio; every value is in exactly one bin."""
     if values.size == 0:
         return []
     low, high = max(int(values.min()), 1), max(int(values.max()), 1)
@@ -24,7 +24,7 @@ def bins_of(values: NDArray[np.integer]) -> list[tuple[int, int, int]]:
 
 
 def histogram(bins: Sequence[tuple[int, int, int]], across: str) -> str:
-    """Bars on a square-root scale, so that one large cluster beside a thousand small ones is still seen."""
+    """Draw bars on a square-root scale, so that one large cluster next to a thousand small clusters stays visible."""
     most = max((count for _, _, count in bins), default=1) or 1
     step = (WIDTH - LEFT) / max(len(bins), 1)
     bars, labels = [], []
@@ -43,7 +43,7 @@ def histogram(bins: Sequence[tuple[int, int, int]], across: str) -> str:
 
 
 def curve(points: Sequence[tuple[float, float]], chosen: float, across: str) -> str:
-    """Values over a logarithmic axis, from 0 up, the chosen one marked."""
+    """Draw values from 0 up over a logarithmic axis; the chosen value is marked."""
     x = np.log10([a for a, _ in points])
     most = max(b for _, b in points) or 1.0
     across_px = LEFT + 16 + (x - x.min()) / max(float(np.ptp(x)), 1e-9) * (WIDTH - LEFT - 46)
@@ -61,7 +61,7 @@ def curve(points: Sequence[tuple[float, float]], chosen: float, across: str) -> 
 
 
 def rising(columns: Sequence[Sequence[float]], colours: Sequence[str], across: str) -> str:
-    """Curves from 0 to 1 over equal steps, one in each colour."""
+    """Draw curves from 0 to 1 over equal steps, one per colour."""
     lines = []
     for values, colour in zip(columns, colours, strict=True):
         steps = np.linspace(LEFT, WIDTH - 16, len(values))

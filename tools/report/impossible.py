@@ -1,6 +1,6 @@
-"""The impossible map: which camera pixels no projector picture can serve, and why.
+"""The impossible map: camera pixels that no projector picture can serve, with the reason.
 
-Every test is on radiance, in the worst of the three channels, against the white level w that the map was built for.
+Every test is on radiance, in the worst of the three channels, against the white level w of the maps.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.transport import Transport
 
-BLACK_SHARE = 0.1  # of white: brighter than this, black reads as dark grey
-CONFLICT_SHARE = 0.1  # of mid grey: a difference that is seen beside an even grey
+BLACK_SHARE = 0.1  # share of white; above this, black looks dark grey
+CONFLICT_SHARE = 0.1  # share of mid grey; a difference that is visible next to an even grey
 BOX_STEPS = 60
 
 
 @dataclass(frozen=True)
 class Reason:
-    """Why a pixel cannot be served: a name for JSON, the legend's words and its colour (8-bit sRGB)."""
+    """Reason why a pixel cannot be served: a name for JSON, the legend's words and its colour (8-bit sRGB)."""
 
     name: str
     words: str
@@ -44,7 +44,7 @@ REASONS = (
 
 @dataclass(frozen=True)
 class Impossible:
-    """Each reason's camera pixels; a pixel may have several, and is coloured by the first in the order of REASONS.
+    """Camera pixels of each reason. A pixel may have several reasons; the first in REASONS gives its colour.
 
     flags : (reasons, camera height, camera width).
     """
@@ -53,15 +53,15 @@ class Impossible:
 
     @property
     def first(self) -> NDArray[np.int64]:
-        """(camera height, camera width): 0 where the pixel is served, else 1 + the index of its first reason."""
+        """(camera height, camera width): 0 for served pixels, otherwise 1 + the index of the first reason."""
         return np.where(self.flags.any(axis=0), 1 + np.argmax(self.flags, axis=0), 0)
 
     def picture(self) -> NDArray[np.uint8]:
-        """The map in the legend's colours."""
+        """Returns the map in the legend's colours."""
         return np.array([reason.colour for reason in (SERVED, *REASONS)], np.uint8)[self.first]
 
     def to_json(self) -> dict[str, dict[str, int]]:
-        """Camera pixels per reason: shown (the first reason of the pixel) and all that have it."""
+        """Returns camera pixels per reason: those whose first reason it is, and all that have it."""
         shown = np.bincount(self.first.ravel(), minlength=1 + len(REASONS))
         every = [int(self.flags.size // len(REASONS) - self.flags.any(axis=0).sum()), *self.flags.sum(axis=(1, 2))]
         return {
@@ -71,16 +71,19 @@ class Impossible:
 
 
 def find_impossible(tier: Tier, maps: RoomMaps) -> Impossible:
-    """Test every camera pixel; pixels that are unlit are tested for nothing else.
+    """Test every camera pixel; unlit pixels get no further test.
 
-    With T·1 the composition, r the brightest grey that it allows (T·1 + e where channels are independent), e the
-    ambient light, w the white level, g = 0.5 w:
-    unlit : outside the mask, or T·1 = 0.   below_mid_grey : r < g.   below_white : r < w.
-    bright_black : e + U M D p > 0.1 w with p the compensated even grey g: what a black pixel would still get.
-    conflict : |T p* − b| > 0.1 g, b the light that g asks for, clamped to 0 … T·1: a target that each pixel alone can
-    reach; p* the best picture in 0..1 for all of them together, by 60 accelerated projected gradient steps
-    (docs/mathematics.md): what is left is due to shared projector pixels, except for what further steps would still
-    remove.
+    With T·1 the composition, r the brightest grey that it allows (T·1 + e if channels are independent), e the ambient
+    light, w the white level, g = 0.5 w:
+
+    unlit : outside the mask, or T·1 = 0.
+    below_mid_grey : r < g.
+    below_white : r < w.
+    bright_black : e + U M D p > 0.1 w, with p the compensated even grey g: the light that a black pixel still receives.
+    conflict : |T p* − b| > 0.1 g, with b the light for g, clamped to 0 … T·1, a target that each pixel alone can reach.
+
+    p* is the best picture in 0..1 for all pixels together, by 60 accelerated projected gradient steps
+    (docs/mathematics.md). The rest is due to shared projector pixels, except for what further steps would remove.
     """
     ambient, mixing = tier.ambient.astype(np.float64), tier.mixing
     full = tier.transport.composition().reshape(ambient.shape)
@@ -102,7 +105,7 @@ def _far_light_of_grey(maps: RoomMaps, light: FloatArray) -> FloatArray:
 
 
 def _shared_grey_residual(transport: Transport, target: FloatArray, lit: BoolArray) -> FloatArray:
-    """|T p* − b| in the worst channel, (camera height, camera width); unlit pixels ask for nothing."""
+    """Returns |T p* − b| in the worst channel, (camera height, camera width); unlit pixels have no target."""
     T, b = transport.inside(lit), (target * lit[..., None]).reshape(-1, 3)
     p, _ = Box(T, most_steps=BOX_STEPS).run(b)
     return np.asarray(np.abs(T.apply(p) - b).max(axis=1).reshape(lit.shape))

@@ -1,4 +1,4 @@
-"""Which figures stand on the page, in which order, and what to look for in each."""
+"""Figures of the page, in order, with captions that say what to look for."""
 
 from html import escape
 from typing import Any
@@ -10,7 +10,7 @@ from counterlight.tools.ways.ways import DARK, STRAIGHT, WAYS
 
 
 def report_page(figures: dict[str, Any]) -> str:
-    """The page of a report, from the figures that its JSON holds."""
+    """Returns the page of a report, from the figures in its JSON."""
     intro = f"<p>{escape(figures['summary'])}</p>{_overview(figures)}"
     sections = [_impossible(figures), _ways(figures), _light(figures), _inverse_light(figures), _clusters(figures)]
     return page(f"Correction map: {figures['name']}", intro, [*sections, _inversion(figures), _packing(figures)])

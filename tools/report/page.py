@@ -1,4 +1,4 @@
-"""The page: plain HTML and CSS, nothing loaded from elsewhere, dark or light as the reader's screen is."""
+"""The page: plain HTML and CSS without external resources, dark or light as the reader's screen."""
 
 import shlex
 import sys
@@ -39,7 +39,7 @@ svg .chosen { fill: var(--mark); }
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture (the name of a file beside the page) or an SVG, what it is, and what to look for."""
+    """A picture (a file next to the page) or an SVG, with a title and a caption that says what to look for."""
 
     title: str
     caption: str
@@ -53,7 +53,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, figures beside each other (wide: below each other), and what stands below them (HTML)."""
+    """A heading, figures side by side (wide: below each other), and HTML below them."""
 
     title: str
     figures: Sequence[Figure]
@@ -67,13 +67,13 @@ class Section:
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:
-    """Two columns: what, and how much."""
+    """Returns a table of two columns, label and value."""
     cells = (f'<tr><td>{escape(a)}</td><td class="number">{escape(b)}</td></tr>' for a, b in rows)
     return f"<table>{''.join(cells)}</table>"
 
 
 def legend(rows: Sequence[tuple[tuple[int, int, int], str, int, int]], pixels: int) -> str:
-    """Colour, words, pixels shown in it, pixels it holds for; the share is that of the pixels shown."""
+    """Returns a table: colour, words, pixels shown, their share, and all pixels that have the reason."""
     body = "".join(
         f'<tr><td><span class="swatch" style="background: rgb{colour}"></span></td><td>{escape(words)}</td>'
         f'<td class="number">{shown}</td><td class="number">{100 * shown / pixels:.1f} %</td>'
@@ -85,7 +85,7 @@ def legend(rows: Sequence[tuple[tuple[int, int, int], str, int, int]], pixels: i
 
 
 def page(title: str, intro: str, sections: Sequence[Section]) -> str:
-    """The whole document."""
+    """Returns the whole document."""
     body = "".join(section.html() for section in sections)
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
@@ -95,7 +95,7 @@ def page(title: str, intro: str, sections: Sequence[Section]) -> str:
 
 
 def _origin() -> str:
-    """When the page was made, by which version and which command."""
+    """Returns the time, version and command that made the page."""
     made = datetime.now().astimezone().isoformat(" ", "minutes")
     command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     return printable(f"Counterlight {metadata.version('counterlight')}, {made}: {command}")

@@ -1,4 +1,4 @@
-"""Measured things as 8-bit pictures (rows, columns, 3)."""
+"""Measured data as 8-bit pictures (rows, columns, 3)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,15 @@ from counterlight.tools.transport.transport import Csr, Transport, channels, lum
 Picture = NDArray[np.uint8]
 MATRIX_SIDE = 512
 TEXTURE_SIDE = 512
-GOLDEN = 0.6180339887  # successive labels get hues far apart
+GOLDEN = 0.6180339887  # gives successive labels very different hues
 UNCONNECTED = (40, 40, 40)
 
 
 def cluster_picture(labels: IntArray, shape: tuple[int, int]) -> Picture:
-    """Each cluster in a colour of its own, pixels without connections dark (thesis Figure 4.6)."""
+    """Draw each cluster in its own colour; pixels without connections are dark (thesis Figure 4.6)."""
     numbers = np.arange(max(int(labels.max(initial=-1)), 0) + 1)
     value = 0.7 + 0.3 * ((numbers * GOLDEN**2) % 1)
-    # HSV with saturation 0.6, each channel a trapezoid over the hue.
+    # HSV with saturation 0.6; each channel is a trapezoid over the hue.
     hue = (numbers[:, None] * GOLDEN + np.array([0, 2 / 3, 1 / 3])) % 1
     ramp = np.clip(np.abs(6 * hue - 3) - 1, 0, 1)
     palette = np.round(255 * value[:, None] * (0.4 + 0.6 * ramp)).astype(np.uint8)
@@ -29,14 +29,14 @@ def cluster_picture(labels: IntArray, shape: tuple[int, int]) -> Picture:
 
 
 def matrix_picture(matrix: Csr) -> Picture:
-    """A matrix as density: each pixel sums |entries| of a block of it, on a logarithmic scale of 4 decades."""
+    """Draw a matrix as density: each pixel sums |entries| of a block, on a logarithmic scale of 4 decades."""
     return _decades(_block_sums(matrix))
 
 
 def transport_picture(T: Transport) -> Picture:
-    """T's luminance as density, near, blurred and far light (thesis Figure 5.3), as `matrix_picture`.
+    """Draw T's luminance as density, near, blurred and far light (thesis Figure 5.3), as `matrix_picture`.
 
-    Blurred and far light are summed through their factors: Rᵀ U M D C, with R and C which block a pixel is in.
+    Blurred and far light are summed through their factors: Rᵀ U M D C. R and C map pixels to blocks.
     """
     sums, (rows, columns) = _block_sums(luminance_matrix(T.near)), (_blocks(side) for side in T.shape)
     if T.blurred is not None:
@@ -57,7 +57,7 @@ def _block_sums(matrix: Csr) -> FloatArray:
 
 
 def _blocks(side: int) -> Csr:
-    """Which of at most MATRIX_SIDE blocks a pixel is in, (blocks, pixels)."""
+    """Returns the block of each pixel as a matrix of ones (blocks, pixels), with at most MATRIX_SIDE blocks."""
     count = min(side, MATRIX_SIDE)
     block = np.arange(side, dtype=np.int64) * count // side
     return Csr((np.ones(side), (block, np.arange(side))), shape=(count, side))
@@ -69,10 +69,10 @@ def _decades(sums: FloatArray) -> Picture:
 
 
 def texture_picture(packed: RowMap) -> Picture:
-    """The entries texture's used texels: white where a block of them is full, black where it is unused."""
+    """Draw the used texels of the entries texture: white where a block is full, black where it is unused."""
     height, width = packed.entries.shape[:2]
     x, y, lengths = (packed.lookup[..., i].ravel().astype(np.int64) for i in range(3))
-    edges = np.zeros((height, width + 1), np.int64)  # +1 where a row of the matrix starts, −1 behind its end
+    edges = np.zeros((height, width + 1), np.int64)  # +1 where a row of the matrix starts, −1 after its end
     used = lengths > 0
     np.add.at(edges, (y[used], x[used]), 1)
     np.add.at(edges, (y[used], x[used] + lengths[used]), -1)
@@ -80,7 +80,7 @@ def texture_picture(packed: RowMap) -> Picture:
 
 
 def _block_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Averages over blocks, at most 512 a side."""
+    """Returns the averages over blocks, at most 512 per side."""
     for axis in (0, 1):
         length = values.shape[axis]
         starts = np.unique(np.arange(min(length, TEXTURE_SIDE)) * length // min(length, TEXTURE_SIDE))

@@ -1,4 +1,4 @@
-"""The report on a correction map: measured figures, their pictures, one page; a folder that appears whole."""
+"""The report on a correction map: measured figures, their pictures, one page; a folder that appears complete."""
 
 import json
 from dataclasses import dataclass
@@ -29,14 +29,14 @@ JSON, PAGE = "report.json", "index.html"
 
 @dataclass(frozen=True)
 class Findings:
-    """What was measured: figures as JSON holds them, and 8-bit pictures by file name."""
+    """Measured results: figures as in the JSON, and 8-bit pictures by file name."""
 
     figures: dict[str, Any]
     pictures: dict[str, NDArray[np.uint8]]
 
 
 def check_report_folder(folder: Path) -> None:
-    """InputError if writing a report to `folder` would lose something else; asked before the long work."""
+    """Raises InputError if a report in `folder` would replace anything but a report; called before the long work."""
     check_folder(folder)
     if is_vacant(folder):
         return
@@ -46,7 +46,7 @@ def check_report_folder(folder: Path) -> None:
 
 
 def write_page(stage: Path, figures: dict[str, Any], drawn: dict[str, NDArray[np.uint8]], page: str) -> None:
-    """Write what a report holds into an empty folder."""
+    """Write all files of a report into an empty folder."""
     for name, picture in drawn.items():
         write_png(stage / name, picture)
     (stage / JSON).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
@@ -54,7 +54,7 @@ def write_page(stage: Path, figures: dict[str, Any], drawn: dict[str, NDArray[np
 
 
 def write_report(built: BuiltRoom, folder: Path) -> Path:
-    """Measure, draw and write; returns the page's path. A report that was there stays until the new one is whole."""
+    """Measure, draw and write; returns the page's path. An earlier report stays until the new report is complete."""
     with replacing_folder(folder, check_report_folder) as stage:
         findings = find(built)
         write_page(stage, findings.figures, findings.pictures, layout.report_page(findings.figures))
@@ -62,7 +62,7 @@ def write_report(built: BuiltRoom, folder: Path) -> Path:
 
 
 def find(built: BuiltRoom) -> Findings:
-    """Everything that the page and the JSON say."""
+    """Returns all content of the page and the JSON."""
     T = near_luminance(built)
     impossible = find_impossible(built.tier, built.maps)
     ways = ways_of(built.calibration, built.transport)
@@ -74,12 +74,12 @@ def find(built: BuiltRoom) -> Findings:
 
 
 def near_luminance(built: BuiltRoom) -> Csr:
-    """The luminance of the near light inside the mask: what clusters are made of."""
+    """Returns the luminance of the near light inside the mask, from which clusters are made."""
     return luminance_matrix(built.transport.near.inside(built.calibration.mask.ravel()))
 
 
 def _lit_pictures(built: BuiltRoom) -> tuple[dict[str, NDArray[np.uint8]], dict[str, float]]:
-    """The four pictures of Figure 5.3 and the value that each shows as white."""
+    """Returns the four pictures of Figure 5.3, and the value that each shows as white."""
     T_pinv, calibration, mixing = compensation(built.maps), built.calibration, built.tier.mixing
     camera, projector = (np.ones((*device.shape, 3)) for device in (calibration.camera, calibration.projector))
     views = {
@@ -89,7 +89,7 @@ def _lit_pictures(built: BuiltRoom) -> tuple[dict[str, NDArray[np.uint8]], dict[
         "inverse_dual.png": T_pinv.apply(mixing.asked(camera)),
     }
     scales = {name: white_level(view) for name, view in views.items()}
-    scales["inverse_dual.png"] = 1 / built.maps.white  # then 255 is full drive for a white picture
+    scales["inverse_dual.png"] = 1 / built.maps.white  # 255 is then full drive for a white picture
     return {name: encoded(view, scales[name]) for name, view in views.items()}, scales
 
 
@@ -155,5 +155,5 @@ def _of_ways(ways: Ways, advice: list[Advice]) -> dict[str, Any]:
 
 
 def _percentiles(values: NDArray[np.floating]) -> dict[str, float]:
-    """Of all values, the three channels together."""
+    """Returns percentiles of all values, the three channels together."""
     return {f"percentile_{q}": float(np.percentile(values, q)) for q in (1, 10, 50, 90, 99)}

@@ -1,4 +1,4 @@
-"""Condition numbers and rank deficits of the systems that are inverted: whole small clusters, samples of windows."""
+"""Condition numbers and rank deficits of the inverted systems: whole small clusters, and samples of windows."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,19 +13,20 @@ from counterlight.tools.inverse.method import LARGEST_DENSE
 from counterlight.tools.inverse.windows import BLOCKS, Windows
 from counterlight.tools.transport.transport import Csr
 
-LARGEST_SVD = 400  # pixels a side of a cluster: beyond, an SVD takes seconds
+LARGEST_SVD = 400  # pixels per side of a cluster; an SVD of a larger cluster takes seconds
 MOST_CLUSTERS = 300
 MOST_WINDOWS = 6
-WIDEST_HALO = 8  # of a sampled window: 32×32 projector pixels, an SVD of a second
+WIDEST_HALO = 8  # halo of a sampled window: 32×32 projector pixels, an SVD of a second
 FLOAT32_EPS = float(np.finfo(np.float32).eps)
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """One system: projector and camera pixels, condition σ₁/σ_r of what counts as non-zero, and what does not.
+    """One inverted system.
 
-    rank_deficit : min(camera, projector pixels) less the rank; singular values up to σ₁ · max(m, n) · ε of float32,
-    in which T is stored, count as zero.
+    condition : σ₁/σ_r, with σ_r the smallest singular value that counts as non-zero.
+    rank_deficit : min(camera, projector pixels) minus the rank. Singular values up to σ₁ · max(m, n) · ε of float32,
+        the precision of the stored T, count as zero.
     """
 
     kind: str
@@ -39,18 +40,19 @@ class Spectrum:
 
 
 def spectra(T: Csr, clusters: Clusters, projector_shape: tuple[int, int]) -> list[Spectrum]:
-    """Singular values of a fixed sample of the systems, of the luminance of T.
+    """Returns the spectra of a fixed sample of the systems, from the luminance of T.
 
-    Up to 300 clusters of at most 400 pixels a side, evenly spaced from the smallest to the largest, are taken whole. Of
-    the largest cluster that is inverted through windows, up to 6 windows of 32×32 projector pixels are taken. Clusters
-    between the two sizes are not looked at.
-    T : (camera pixels, projector pixels), rows outside the mask empty.
+    The sample holds up to 300 whole clusters of at most 400 pixels per side, evenly spaced from the smallest to the
+    largest. It also holds up to 6 windows of 32×32 projector pixels of the largest cluster that is inverted through
+    windows. Clusters between the two sizes are skipped.
+
+    T : (camera pixels, projector pixels). Rows outside the mask are empty.
     """
     if not clusters.count:
         return []
     columns = sparse.csc_array(T.astype(np.float64))
     entries = np.diff(columns.indptr) * (clusters.projector >= 0)
-    seen = np.bincount(np.maximum(clusters.projector, 0), entries, clusters.count) > 0  # outside the mask T has no row
+    seen = np.bincount(np.maximum(clusters.projector, 0), entries, clusters.count) > 0  # T has no rows outside the mask
     small = np.flatnonzero(seen & (clusters.projector_sizes <= LARGEST_SVD) & (clusters.camera_sizes <= LARGEST_SVD))
     small = small[np.argsort(clusters.projector_sizes[small], kind="stable")]
     found = [
@@ -67,7 +69,7 @@ def spectra(T: Csr, clusters: Clusters, projector_shape: tuple[int, int]) -> lis
 
 
 def summary(found: list[Spectrum]) -> dict[str, Any]:
-    """What the page says: how many of each kind, and their extremes."""
+    """Returns the page's summary: the number of systems of each kind, and their extremes."""
     return {
         kind: {
             "systems": len(of_kind),

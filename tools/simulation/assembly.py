@@ -1,4 +1,4 @@
-"""T put together band by band of camera rows: many rays become few entries, and memory holds entries only."""
+"""T, assembled in bands of camera rows: many rays become few entries, and memory holds only entries."""
 
 from dataclasses import dataclass, field
 
@@ -15,15 +15,17 @@ from counterlight.tools.transport.blurred import BlurredLight, Pyramid
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4
-SHORTER = 0.5  # than the rows so far the others may be
+SHORTER = 0.5  # assumed length of the remaining rows, as a share of the rows so far
 ADVICE = "lower samples or the devices' sizes, or raise threshold"
 
 
 @dataclass(frozen=True)
 class Blur:
-    """What may be done about long rows: cells of blocks of projector pixels in the place of entries.
+    """Parameters for shortening long rows: blocks of projector pixels replace single entries.
 
-    raster : (height, width) of the projector.  width : of the camera's picture.  tolerance : dB, as `chosen_limit`.
+    raster : (height, width) of the projector.
+    width : of the camera picture, pixels.
+    tolerance : dB, as `chosen_limit`.
     """
 
     raster: tuple[int, int]
@@ -35,9 +37,10 @@ class Blur:
 class NearLight:
     """Collects T's entries; the three channels share one pattern.
 
-    shape : (camera pixels, projector pixels).  threshold : entries below this share of their row's largest are left out
-    where they are that small in every channel; what stays is scaled so that each row keeps its sum.
-    blur : what may be done where rows are too long for maps; None leaves them as they are.
+    shape : (camera pixels, projector pixels).
+    threshold : fraction of the row's largest entry. An entry below it in every channel is dropped; the remaining
+        entries are scaled so that each row keeps its sum.
+    blur : how to shorten rows that are too long for maps; None keeps them.
     """
 
     shape: tuple[int, int]
@@ -50,19 +53,25 @@ class NearLight:
     _choice: Choice | None = None
 
     def add_band(self, first: int, rows: int, pixel: IntArray, column: IntArray, weights: FloatArray) -> None:
-        """Entries (n,), (n,), (n, 3) of camera pixels first … first + rows − 1; duplicates are summed.
+        """Add the entries of camera pixels first … first + rows − 1; duplicates are summed.
 
-        Bands come in order; with `blur`, of whole lines of the camera's picture.
+        Bands come in order. With `blur`, a band holds whole lines of the camera picture.
+
+        pixel, column : (n,).
+        weights : (n, 3).
         """
         self.add(self.band(first, rows, pixel, column, weights), (first + rows) / self.shape[0])
 
     def add(self, band: SparseRows, done: float) -> None:
-        """A band as `band` makes it.  done : share of T's rows that are there with it."""
+        """Add a band that `band` made.
+
+        done : share of T's rows that are present after this band.
+        """
         self._hold(band)
         self._refuse_what_cannot_fit(done)
 
     def band(self, first: int, rows: int, pixel: IntArray, column: IntArray, weights: FloatArray) -> SparseRows:
-        """The same entries as rows, which need no other band."""
+        """Returns the entries of one band as rows; independent of all other bands."""
         place, weights = summed((pixel - first) * self.shape[1] + column, weights)
         row = place // self.shape[1]
         if self.threshold:
@@ -90,7 +99,10 @@ class NearLight:
         self._blurred.append(blurred)
 
     def _refuse_what_cannot_fit(self, done: float) -> None:
-        """InputError once T would be too large even if its other rows were half as long.  done : share of them."""
+        """Raises InputError if T would be too large even with the remaining rows half as long.
+
+        done : share of T's rows that are present.
+        """
         held = sum(band.indices.size for band in (*self._near, *self._blurred)) * BYTES_AN_ENTRY
         if held * (1 + SHORTER * (1 / done - 1)) > MAX_BYTES:
             raise InputError(
@@ -102,17 +114,17 @@ class NearLight:
         return ", or raise --tolerance" if self.blur is not None else ""
 
     def rows(self) -> SparseRows:
-        """S, float32: T where no light is in cells."""
+        """S, float32; all of T if no light is in cells."""
         return below_each_other(self._near)
 
     def blurred(self) -> BlurredLight | None:
-        """B P, if there is any."""
+        """B P, or None if no light is in cells."""
         if self.blur is None or not self._blurred:
             return None
         return Pyramid(self.blur.raster).light(below_each_other(self._blurred))
 
     def blurring(self) -> Blurring | None:
-        """What became of long rows, if anything."""
+        """Returns how long rows were shortened, or None if they were not."""
         if not self._blurred or self._choice is None:
             return None
         near, blurred = (sum(band.indices.size for band in bands) for bands in (self._near, self._blurred))
@@ -120,7 +132,7 @@ class NearLight:
 
 
 def summed(places: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Sorted distinct places and the sums (n, 3) of their weights."""
+    """Returns the sorted distinct places and the sums (n, 3) of their weights."""
     if not places.size:
         return places.astype(np.int64), np.zeros((0, 3))
     order = np.argsort(places, kind="stable")
@@ -130,7 +142,7 @@ def summed(places: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]
 
 
 def thinned(row: IntArray, rows: int, weights: FloatArray, threshold: float) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Which entries stay, and what each row and channel of them is to be scaled by."""
+    """Returns the mask of the entries that stay, and the scale factor (rows, 3) that keeps each row's sum."""
     largest, before, after = (np.zeros((rows, 3)) for _ in range(3))
     np.maximum.at(largest, row, weights)
     keep = np.any(weights > threshold * largest[row], axis=1)

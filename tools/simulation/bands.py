@@ -1,4 +1,4 @@
-"""Bands of the camera's picture that other processes trace: what they are told, and what they give back."""
+"""Bands of the camera picture that worker processes trace: their input and their result."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,9 +12,10 @@ from counterlight.tools.simulation.scene import Scene, load_scene
 
 @dataclass(frozen=True)
 class SceneSource:
-    """Where a process finds a view of a scene.  camera, projector : (height, width), None for the scene's own.
+    """The scene file and view that a worker process loads.
 
-    run : no other run's, so that no process takes what it has prepared for another one, of a scene that has changed.
+    camera, projector : (height, width), or None for the scene's own size.
+    run : unique per run, so that a process never reuses what it prepared for an earlier version of the scene.
     """
 
     path: Path
@@ -29,7 +30,7 @@ class SceneSource:
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """Who traces bands of a scene, and where they find it."""
+    """The processes that trace bands, and the scene that they load."""
 
     workers: Workers
     source: SceneSource
@@ -37,7 +38,13 @@ class Elsewhere:
 
 @dataclass(frozen=True)
 class Band:
-    """Of some rows of the camera's picture: T, U, e, what is seen of the primaries; what was found."""
+    """Result for some rows of the camera picture.
+
+    near, far : T and U; far is None without far light.
+    ambient : e.
+    mixing, weight : sums for X, as in crosstalk.of_pixels.
+    seen, lit : whether a camera ray met a matt point, and whether projector light reached such a point.
+    """
 
     near: SparseRows
     far: SparseRows | None

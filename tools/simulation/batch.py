@@ -1,4 +1,4 @@
-"""Columns of equal length that are cut together."""
+"""Arrays of equal length that are cut together."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -11,10 +11,10 @@ from counterlight.arrays import IntArray
 
 
 class Batch:
-    """A dataclass of arrays with one row for each ray, point or beam; texts hold for the whole batch."""
+    """A dataclass of arrays with one row per ray, point or beam; text fields hold for the whole batch."""
 
     def at(self, index: NDArray[np.bool_] | IntArray | slice) -> Self:
-        """Some of the rows."""
+        """Returns some of the rows."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return type(self)(**{k: v if isinstance(v, str) else v[index] for k, v in columns.items()})
 
@@ -23,7 +23,7 @@ B = TypeVar("B", bound=Batch)
 
 
 def joined(parts: Sequence[B]) -> B:
-    """The rows of some batches of one kind in one; texts are the first one's."""
+    """Returns one batch with the rows of all batches; text fields are those of the first batch."""
     names = [field.name for field in fields(parts[0])]  # type: ignore[arg-type]
     columns = {name: [getattr(part, name) for part in parts] for name in names}
     return type(parts[0])(**{k: v[0] if isinstance(v[0], str) else np.concatenate(v) for k, v in columns.items()})

@@ -1,4 +1,4 @@
-"""The camera's side of every light path: from a band of camera rows to the matt points that they see."""
+"""The camera side of every light path: from a band of camera rows to the matt points that they see."""
 
 from collections.abc import Iterator
 
@@ -15,7 +15,7 @@ FAINTEST = 1e-4  # a path that carries less of its pixel's radiance ends
 
 
 def camera_samples(scene: Scene, rows: range, effects: EffectsOn) -> Iterator[Samples]:
-    """The matt points that the pixels of some rows see, straight or by way of the effects that plug in."""
+    """Yield the matt points that the pixels of some rows see, directly or through the effects that plug in."""
     waiting = [(0, primary_rays(scene, rows, effects))]
     while waiting:
         turns, rays = waiting.pop()
@@ -35,7 +35,7 @@ def camera_samples(scene: Scene, rows: range, effects: EffectsOn) -> Iterator[Sa
 
 
 def primary_rays(scene: Scene, rows: range, effects: EffectsOn) -> Rays:
-    """samples² rays through every pixel of some rows; through the lens' centre unless the camera is out of focus."""
+    """Returns samples² rays through every pixel of some rows; through the lens' centre if it is in focus."""
     camera = scene.camera
     directions, pixel = camera.pixel_rays(rows, scene.samples)
     origins = np.broadcast_to(camera.position, directions.shape)
@@ -49,7 +49,7 @@ def primary_rays(scene: Scene, rows: range, effects: EffectsOn) -> Rays:
 
 
 def bright(rays: Rays) -> Rays:
-    """Those that carry enough to be followed."""
+    """Returns the rays that carry enough radiance to be followed."""
     return rays.at(np.maximum(np.maximum(*rays.throughput.T[:2]), rays.throughput[:, 2]) > FAINTEST)
 
 
@@ -82,7 +82,7 @@ def paint_of(scene: Scene, samples: Samples) -> FloatArray:
 
 
 def albedo_of(scene: Scene, samples: Samples, paint: FloatArray, effects: EffectsOn) -> FloatArray:
-    """Share of light from all sides that leaves towards the viewer, (n, 3): the paint's, less what a coat keeps out."""
+    """Returns the share (n, 3) of light from all sides that leaves towards the viewer: albedo less the coat's loss."""
     albedo = paint
     for name in effects.having("albedo"):
         albedo = effects.call(name, "albedo", scene, samples, albedo)

@@ -1,4 +1,4 @@
-"""Surfaces cut into cells for the far light: their points, which cell a place is in, and which ones it lies between."""
+"""Surfaces cut into cells for the far light: points per cell, the cell of a place, and neighbouring cells."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,18 +15,21 @@ from counterlight.tools.simulation.shapes.triangles import Triangles
 from counterlight.tools.simulation.surfaces import Surface
 
 Shares = list[tuple[IntArray, FloatArray]]
-POINTS = 3  # an axis and cell
-NEAREST = 4  # cells of a mesh without a grid that a point lies between
-TURN = 0.7  # how far, in cell sizes, a right angle between normals moves two points of a mesh apart
+POINTS = 3  # points per axis and cell
+NEAREST = 4  # number of cells that a point is interpolated from, on a mesh without a grid
+TURN = 0.7  # distance between two points of a mesh, in cell sizes, that a right angle between their normals adds
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of a surface that is a grid over u and v: across u and along v; `first` is the number of its first cell.
+    """Cells of a surface that is a grid over u and v, across u and along v.
 
-    points, normals (cells, k, 3); u, v (cells, k); areas (cells,).
-    share (cells, k) : the points' shares of the cell's area, which sum to 1, or to 0 in a cell without surface.
-    of_facet (facets,) : the cell that each triangle is part of; None for shapes without triangles.
+    first : number of the first cell.
+    points, normals : (cells, k, 3).
+    u, v : (cells, k).
+    share : (cells, k). The points' shares of the cell's area; they sum to 1, or to 0 in a cell without surface.
+    areas : (cells,).
+    of_facet : (facets,). The cell that each triangle belongs to; None for shapes without triangles.
     """
 
     surface: Surface
@@ -50,13 +53,13 @@ class Grid:
         return slice(self.first, self.first + self.count)
 
     def outlines(self) -> FloatArray:
-        """Corners of every cell of a plane, in order around it: (cells, 4, 3)."""
+        """Returns the corners of every cell of a plane, in order around it: (cells, 4, 3)."""
         j, i = np.meshgrid(np.arange(self.along), np.arange(self.across), indexing="ij")
         corners = [((i + a).ravel() / self.across, (j + b).ravel() / self.along) for a, b in OUTLINE]
         return np.stack([self.surface.shape.at(u, v) for u, v in corners], axis=1)
 
     def cell_at(self, there: Samples | Deposits) -> IntArray:
-        """The numbers of the cells that points of this surface are in."""
+        """Returns the numbers of the cells that hold points of this surface."""
         if self.of_facet is not None:
             return np.asarray(self.first + self.of_facet[there.facet])
         i = np.clip((there.u * self.across).astype(np.int64), 0, self.across - 1)
@@ -64,9 +67,9 @@ class Grid:
         return np.asarray(self.first + j * self.across + i)
 
     def between(self, there: Samples | Deposits) -> Shares:
-        """The four cells whose centres surround a place, and their weights; beyond the outer centres, the outer ones.
+        """Returns the four cells whose centres surround a place, and their bilinear weights.
 
-        Cells without surface have no say.
+        Places beyond the outermost centres are clamped to them. Cells without surface have weight 0.
         """
         wraps, last = self.surface.shape.wraps, self.across - 1
         x = there.u * self.across - 0.5 if wraps else np.clip(there.u * self.across - 0.5, 0, last)
@@ -89,7 +92,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Clumps(Grid):
-    """Cells of a mesh without a grid: its faces by neighbourhood and direction; across is their number, along 1."""
+    """Cells of a mesh without a grid: faces grouped by position and direction; `across` cells, `along` is 1."""
 
     tree: cKDTree
     size: float
@@ -107,7 +110,7 @@ OUTLINE = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
 def cut_into_cells(surfaces: Sequence[Surface], cells: int) -> list[Grid]:
-    """Nearly square cells of nearly one size, about `cells` together; clear solids have none."""
+    """Cut surfaces into nearly square cells of nearly equal size, about `cells` in total; clear solids have none."""
     matt = [surface for surface in surfaces if surface.matt]
     side = float(np.sqrt(sum(area_of(surface.shape) for surface in matt) / cells))
     grids: list[Grid] = []
@@ -122,7 +125,7 @@ def cut_into_cells(surfaces: Sequence[Surface], cells: int) -> list[Grid]:
 
 
 def spread_places(across: int, along: int, side: int) -> tuple[FloatArray, FloatArray]:
-    """side × side evenly spread places of every field of a grid over the unit square: u and v, (fields, side²) each."""
+    """Returns side × side evenly spread places per cell of a grid on the unit square: u, v, (cells, side²) each."""
     offset = (np.arange(side) + 0.5) / side
     j, i, b, a = np.meshgrid(np.arange(along), np.arange(across), offset, offset, indexing="ij")
     shape = across * along, side**2
@@ -134,12 +137,12 @@ def area_of(shape: Shape) -> float:
 
 
 def clump_key(point: FloatArray, normal: FloatArray, size: float) -> FloatArray:
-    """Points and directions in one space of six dimensions, metres."""
+    """Returns points and directions in one space of six dimensions, metres."""
     return np.concatenate([point, TURN * size * normal], axis=1)
 
 
 def _of_places(surface: Surface, side: float, first: int) -> Grid:
-    """Equal steps of u and v; points POINTS × POINTS a cell, in its middle thirds."""
+    """Cells of equal steps in u and v, with POINTS × POINTS points per cell at the centres of its thirds."""
     shape = surface.shape
     across, along = _counts(shape, side)
     low, high = shape.v_range
@@ -161,7 +164,7 @@ def _counts(shape: Shape, side: float) -> tuple[int, int]:
 
 
 def _middle_lines(shape: Shape) -> tuple[np.floating[Any], np.floating[Any]]:
-    """Lengths of a surface along u at its middle v, and along v."""
+    """Returns the length of a surface along u at its middle v, and its length along v."""
     low, high = shape.v_range
     steps = np.linspace(0, 1, 65)
     around = shape.at(steps, np.full(65, (low + high) / 2))
@@ -171,7 +174,7 @@ def _middle_lines(shape: Shape) -> tuple[np.floating[Any], np.floating[Any]]:
 
 
 def _of_faces(surface: Surface, shape: Triangles, side: float, first: int) -> Grid:
-    """Faces gathered into cells; the POINTS² faces that stand for a cell are spread over it by area."""
+    """Group faces into cells; POINTS² faces that represent a cell are spread over it by area."""
     corners = shape.vertices[shape.faces]
     centres, places = corners.mean(axis=1), shape.places[shape.faces].mean(axis=1)
     normals = shape.facet_normals
@@ -206,7 +209,7 @@ def _grid_counts(shape: Triangles, side: float) -> tuple[int, int]:
 
 
 def _representatives(cell: IntArray, count: int, face_areas: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """POINTS² faces of each cell at equal steps of its area, their shares, and the cells' areas."""
+    """Returns POINTS² faces per cell at equal steps of its area, their shares, and the areas of the cells."""
     order = np.argsort(cell, kind="stable")
     areas = np.bincount(cell, face_areas, count)
     before = np.concatenate([[0.0], np.cumsum(face_areas[order])])

@@ -1,4 +1,4 @@
-"""Projector and camera: where they stand, what they see, and the lens that they see it through."""
+"""Projector and camera: position, direction, field of view and lens."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,15 +18,17 @@ MOSAICS = ("RGGB", "BGGR", "GRBG", "GBRG")
 
 @dataclass(frozen=True)
 class Device:
-    """A picture plane behind a thin lens. Right, up and forward are orthonormal; tan_half is (x, y).
+    """A picture plane behind a thin lens. Right, up and forward are orthonormal.
 
     Pixel (x, y), continuous, row 0 at the top, looks through the lens' centre along
-    forward + (2x/width − 1) tan_x right − (2y/height − 1) tan_y up, unless the lens bends that (effects/distortion.py).
+    forward + (2x/width − 1) tan_x right − (2y/height − 1) tan_y up, unless the lens bends it (effects/distortion.py).
+
+    tan_half : (x, y).
     target_distance : metres to look_at.
-    aperture : the lens' diameter in metres, 0 for a pinhole.  focus_distance : depth along the axis that is sharp.
-    vignetting : "cos4" or the share of light lost in the picture's corner, growing with the square of the distance
-    from its centre.
-    distortion : k1, k2, p1, p2, k3 of OpenCV's model, all 0 for none.
+    aperture : the lens' diameter in metres; 0 for a pinhole.
+    focus_distance : depth along the axis that is sharp, metres.
+    vignetting : "cos4", or the share of light lost in the corner; the loss grows with the squared radius.
+    distortion : k1, k2, p1, p2, k3 of OpenCV's model; all 0 for none.
     """
 
     width: int
@@ -48,18 +50,18 @@ class Device:
 
     @property
     def pixel_area(self) -> float:
-        """Area of a pixel's picture on the plane at depth 1."""
+        """Area of one pixel on the plane at depth 1."""
         return 4 * self.tan_half[0] * self.tan_half[1] / self.pixels
 
     def resized(self, height: int, width: int) -> Self:
-        """The same horizontal field of view with other pixels."""
+        """Returns the device with another picture size and the same horizontal field of view."""
         if max(height, width) > MAX_SIDE:
             raise InputError(f"size {width}x{height}: expected at most {MAX_SIDE} pixels a side")
         tan_x = self.tan_half[0]
         return replace(self, width=width, height=height, tan_half=(tan_x, tan_x * height / width))
 
     def moved(self, right: float, up: float) -> Self:
-        """Standing that many metres to the right and up, and turned towards the same point, as sharp there."""
+        """Returns the device moved by that many metres, turned towards the same point, with the same relative focus."""
         target = self.position + self.target_distance * self.forward
         position = self.position + right * self.right + up * self.up
         towards = target - position
@@ -85,43 +87,45 @@ class Device:
         return *self.picture_of(towards @ self.right / safe, towards @ self.up / safe), depth
 
     def picture_of(self, across: FloatArray, up: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pixel coordinates of directions forward + across · right + up · up; NaN where the lens shows nothing."""
+        """Returns pixel coordinates of the directions forward + across · right + up · up; NaN outside the picture."""
         return (across / self.tan_half[0] + 1) * self.width / 2, (1 - up / self.tan_half[1]) * self.height / 2
 
     def direction_of(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same back: across and up of pixel coordinates."""
+        """Returns across and up of pixel coordinates; the inverse of picture_of."""
         return (2 * x / self.width - 1) * self.tan_half[0], (1 - 2 * y / self.height) * self.tan_half[1]
 
     def crowding(self, across: FloatArray, up: FloatArray) -> FloatArray | float:
-        """How many pixels share a part of the plane at depth 1, as a share of the picture's centre."""
+        """Returns the pixel density on the plane at depth 1, relative to the picture's centre."""
         return 1.0
 
     def pixel_at(self, x: FloatArray, y: FloatArray) -> IntArray:
-        """Index of the pixel that contains (x, y); −1 outside the picture or behind the device."""
+        """Returns the index of the pixel that contains (x, y); −1 outside the picture or behind the device."""
         inside = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)  # False for NaN
         column = np.where(inside, x, 0).astype(np.int64)
         row = np.where(inside, y, 0).astype(np.int64)
         return np.where(inside, row * self.width + column, -1)
 
     def pixel_rays(self, rows: range, samples: int) -> tuple[FloatArray, IntArray]:
-        """Directions (rays, 3) of samples × samples rays through each pixel of some rows, and its index.
+        """Returns directions (rays, 3) of samples × samples rays per pixel of some rows, and each ray's pixel index.
 
-        They go through the lens' centre, and their depth along the axis is 1.
+        The rays pass through the lens' centre, and their depth along the axis is 1.
         """
         offset = (np.arange(samples) + 0.5) / samples
         y, x, sy, sx = np.meshgrid(np.array(rows), np.arange(self.width), offset, offset, indexing="ij")
         return self.rays((x + sx).ravel(), (y + sy).ravel()), (y * self.width + x).ravel()
 
     def rays(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Directions (n, 3) of depth 1 through the lens' centre, of pixel coordinates."""
+        """Returns directions (n, 3) of depth 1 through the lens' centre at pixel coordinates."""
         across, up = self.direction_of(x, y)
         return np.asarray(self.forward + across[:, None] * self.right + up[:, None] * self.up)
 
     def blur_pixels(self, depth: FloatArray) -> FloatArray:
-        """Diameter in pixels of the circle of confusion at depths z: aperture · |1/f − 1/z| · width / (2 tan_x).
+        """Returns the diameter in pixels of the circle of confusion at depths z.
 
-        Thin lens: the rays from a point at depth z through a lens of diameter a cut the plane of focus at depth f in a
-        disc of diameter a |1 − f/z|.
+        The diameter is aperture · |1/f − 1/z| · width / (2 tan_x).
+
+        Thin lens: the rays from a point at depth z through a lens of diameter a cut the plane of focus, at depth f, in
+        a disc of diameter a |1 − f/z|.
         """
         return np.asarray(
             self.aperture * np.abs(1 / self.focus_distance - 1 / depth) * self.width / (2 * self.tan_half[0])
@@ -130,7 +134,7 @@ class Device:
 
 @dataclass(frozen=True)
 class Flicker:
-    """Light that swings by a share of its mean, `hz` times a second."""
+    """Periodic change of the light: amplitude as a share of the mean, and frequency in hertz."""
 
     depth: float
     hz: float
@@ -138,9 +142,11 @@ class Flicker:
 
 @dataclass(frozen=True)
 class Projector(Device):
-    """brightness : radiance of a white card that faces it at target_distance.  black_level : share of white.
+    """A projector.
 
-    flicker : of its light, None if that is steady.
+    brightness : radiance of a white card that faces it at target_distance.
+    black_level : share of white.
+    flicker : of its light; None for steady light.
     """
 
     brightness: float
@@ -151,10 +157,12 @@ class Projector(Device):
 
 @dataclass(frozen=True)
 class Sensor:
-    """What turns radiance into code values (EMVA Standard 1288): electrons at saturation, read noise, bits.
+    """Conversion of radiance into code values (EMVA Standard 1288).
 
-    full_well : 0 for no photon noise.
-    exposure_s, readout_s : seconds of an exposure of 1, and from the first row's exposure to the last one's.
+    full_well : electrons at saturation; 0 for no photon noise.
+    read_noise : electrons.
+    exposure_s : seconds of an exposure of 1.
+    readout_s : seconds from the first row's exposure to the last row's.
     """
 
     full_well: float = 20000.0
@@ -166,9 +174,11 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Camera(Device):
-    """bloom_share : light that the lens and the sensor scatter into a halo of the angle `bloom_radius` (radians).
+    """A camera.
 
-    mixing : what each channel sees of each primary on neutral paint, (3, 3), channel by primary; None: its own alone.
+    bloom_share : share of light that lens and sensor scatter into a halo.
+    bloom_radius : angle of the halo, radians.
+    mixing : (3, 3), channel by primary. What each channel sees of each primary on neutral paint; None: only its own.
     mosaic : colour filters of two rows of two pixels, one of MOSAICS; None: every pixel sees all colours.
     """
 
@@ -181,7 +191,7 @@ class Camera(Device):
 
 
 def read_projector(table: Table, folder: Path) -> Projector:
-    """The projector of a scene in `folder`."""
+    """Read the projector table of a scene file; `folder` resolves relative paths."""
     flicker = table.table("flicker", optional=True)
     projector = Projector(
         **_pose(table),
@@ -235,7 +245,7 @@ def _sensor(table: Table) -> Sensor:
 
 
 def _pose(table: Table) -> dict[str, Any]:
-    """The fields that both devices share."""
+    """Returns the fields that both devices share."""
     width, height = (table.integer(key, None, 1, MAX_SIDE) for key in ("width", "height"))
     position, look_at = table.vector("position"), table.vector("look_at")
     angle = table.number("horizontal_field_of_view_deg", None, 0.1, 170.0)

@@ -1,4 +1,4 @@
-"""The effects that are on: imported here, called through here, and what each of them cost."""
+"""The active effects: they are imported and called here, and their costs are counted here."""
 
 import importlib
 import time
@@ -22,10 +22,10 @@ class Costs:
 
 
 class EffectsOn:
-    """Effects by name. A call is timed; processor seconds, entries and energy are summed for the report.
+    """Active effects by name. Calls are timed; processor seconds, entries and energy are summed for the report.
 
-    Energy is radiance summed over camera pixels and channels under a white projector picture: what an effect adds,
-    takes away or moves to other pixels.
+    Energy is radiance, summed over camera pixels and channels under a white projector picture, that an effect adds,
+    removes or moves to other pixels.
     """
 
     def __init__(self, needs: Mapping[str, Need]) -> None:
@@ -46,7 +46,7 @@ class EffectsOn:
         return Costs(self.seconds, self.entries, self.energy)
 
     def add(self, costs: Costs) -> None:
-        """What was spent elsewhere."""
+        """Add costs of another process."""
         for name in self._modules:
             self.seconds[name] += costs.seconds[name]
             self.account(name, costs.energy[name], costs.entries[name])
@@ -55,11 +55,11 @@ class EffectsOn:
         return effect in self._modules
 
     def call(self, effect: str, function: str, *arguments: Any) -> Any:
-        """Call a function of an effect's module."""
+        """Call a function of an effect's module and charge its time to the effect."""
         return self.timed(effect, getattr(self._modules[effect], function), *arguments)
 
     def timed(self, effect: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function on an effect's account. Time inside a nested call counts for the inner effect alone."""
+        """Call a function and charge its time to an effect. A nested call charges only the inner effect."""
         start = time.process_time()
         self._calling.append(effect)
         try:
@@ -72,7 +72,7 @@ class EffectsOn:
                 self.seconds[self._calling[-1]] -= spent
 
     def having(self, function: str) -> list[str]:
-        """Effects that are on and plug in with this function, in the order of needs.py."""
+        """Returns the active effects that define this function, in the order of needs.py."""
         return [name for name, module in self._modules.items() if hasattr(module, function)]
 
     def account(self, effect: str, energy: float | np.floating[Any], entries: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""Where rays end, and whether anything stands between two points: over all surfaces of a scene."""
+"""Ray tracing over all surfaces of a scene: the end of a ray, and whether a surface blocks a segment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,12 @@ from counterlight.tools.simulation.surfaces import Surface
 
 @dataclass(frozen=True)
 class Hits(Batch):
-    """Where rays end, (rays,) each: surface (−1 for none; the rest is then without meaning), place and facet on it.
+    """Ends of rays; every array is (rays,) unless stated.
 
-    distance : in units of the ray's direction.  point, normal : (rays, 3); the unit normal is turned towards the ray.
+    surface : index, −1 for no hit; the other fields then have no meaning.
+    distance : in units of the ray's direction.
+    u, v, facet : place on the surface.
+    point, normal : (rays, 3). The unit normal is turned towards the ray.
     front : whether the ray meets the side that the shape's own normal points to.
     """
 
@@ -30,7 +33,11 @@ class Hits(Batch):
 
 
 def trace(origins: FloatArray, directions: FloatArray, surfaces: Sequence[Surface]) -> Hits:
-    """The nearest surface along each ray; origins (3,) or (rays, 3), directions (rays, 3) of any length."""
+    """Returns the nearest surface along each ray.
+
+    origins : (3,) or (rays, 3).
+    directions : (rays, 3), of any length.
+    """
     count = len(directions)
     origins = np.broadcast_to(origins, directions.shape)
     distance = np.full(count, np.inf)
@@ -48,7 +55,11 @@ def trace(origins: FloatArray, directions: FloatArray, surfaces: Sequence[Surfac
 
 
 def blocked(starts: FloatArray, ends: FloatArray, surfaces: Sequence[Surface]) -> NDArray[np.bool_]:
-    """Which segments (n, 3) -> (n, 3) or (3,) are cut by a surface strictly between their ends, a clear one, too."""
+    """Returns the mask of segments that a surface cuts strictly between their ends; clear surfaces block too.
+
+    starts : (n, 3).
+    ends : (n, 3) or (3,).
+    """
     directions = ends - starts
     result = np.zeros(len(directions), bool)
     for surface in surfaces:

@@ -6,7 +6,7 @@ import numpy as np
 
 from counterlight.arrays import FloatArray, IntArray
 
-PLASTIC = 1.32471795724474602596  # its powers make the R2 sequence (Roberts 2018)
+PLASTIC = 1.32471795724474602596  # powers of PLASTIC make the R2 sequence (Roberts 2018)
 
 
 @dataclass(frozen=True)
@@ -16,9 +16,10 @@ class LensPoints:
     aperture: float
 
     def of(self, pixels: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
-        """(rows, count) points (across, up) for rows that belong to pixels: rows of one pixel take different points.
+        """Returns (rows, count) points (across, up), given the pixel of each row.
 
-        Each pixel's sequence is shifted by a number of its own, so that neighbours do not share a pattern.
+        Rows of one pixel take different points.
+        Each pixel's sequence has its own shift, so that neighbours do not share a pattern.
         """
         order = np.argsort(pixels, kind="stable")
         ordered = pixels[order]

@@ -1,4 +1,4 @@
-"""What surfaces are made of: albedo over a surface's (u, v), per colour channel, 0..1, and optics beside it."""
+"""Materials of surfaces: albedo per colour channel, 0..1, over the surface's (u, v), and optical properties."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,20 +14,24 @@ from counterlight.files.tables import Table
 from counterlight.response import Response
 
 PATTERNS = ("bricks", "stripes", "checker")
-MORTAR = 0.08  # of a brick's height
-MAX_TEXTURE_PIXELS, TEXEL_BYTES = 1 << 26, 4 * 3 * 8  # at work, in float64
+MORTAR = 0.08  # share of a brick's height
+MAX_TEXTURE_PIXELS, TEXEL_BYTES = 1 << 26, 4 * 3 * 8  # bytes per texel while reading, in float64
 
 
 class Paint(Protocol):
-    """Something with a colour at every point."""
+    """A material with a colour at every point."""
 
     def albedo(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Diffuse reflectance (…, 3) at u, v (…) in 0..1."""
+        """Returns diffuse reflectance (…, 3) at u, v (…) in 0..1."""
 
 
 @dataclass(frozen=True)
 class Gloss:
-    """A coat that reflects: `reflectance` at normal incidence, 0..1; `roughness` 0 (mirror) to 1 (dull)."""
+    """A coat that reflects.
+
+    reflectance : at normal incidence, 0..1.
+    roughness : 0 (mirror) to 1 (dull).
+    """
 
     reflectance: float
     roughness: float
@@ -35,7 +39,12 @@ class Gloss:
 
 @dataclass(frozen=True)
 class Dielectric:
-    """A clear solid: refractive index at 587.6 nm, Abbe number (infinite: no dispersion), absorption (3,) per metre."""
+    """A clear solid.
+
+    index : refractive index at 587.6 nm.
+    abbe : Abbe number; infinite for no dispersion.
+    absorption : (3,), per metre.
+    """
 
     index: float
     abbe: float
@@ -44,17 +53,17 @@ class Dielectric:
 
 @dataclass(frozen=True)
 class Translucency:
-    """Light enters, scatters and leaves elsewhere: mean free path (3,) in metres."""
+    """Scattering below the surface: light leaves away from where it enters. The mean free path (3,) is in metres."""
 
     mean_free_path: FloatArray
 
 
 @dataclass(frozen=True)
 class Material:
-    """A matt paint, and what the surface does with light beyond that; None for nothing.
+    """A matt paint and optional optical properties; None for absent properties.
 
-    overlap : of what each camera channel sees of each primary, how much the paint reflects as a share of its albedo
-    there, (3, 3), channel by primary; None for all.
+    overlap : (3, 3), channel by primary. Reflectance in the part of each primary that the channel sees, as a share of
+        the paint's albedo; None for all 1.
     """
 
     paint: Paint
@@ -64,11 +73,11 @@ class Material:
     overlap: FloatArray | None = None
 
     def albedo(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Diffuse reflectance (…, 3) at u, v (…) in 0..1."""
+        """Returns diffuse reflectance (…, 3) at u, v (…) in 0..1."""
         return self.paint.albedo(u, v)
 
     def enlarged(self, scale: float) -> "Material":
-        """The same for pixels `scale` times as large: light scatters as many of them, colours bend as many apart."""
+        """Returns the material for pixels `scale` times as large: scattering and dispersion stay equal in pixels."""
         body, solid = self.translucency, self.dielectric
         return replace(
             self,
@@ -104,7 +113,8 @@ class Texture:
 class Pattern:
     """Two colours: bricks and mortar, stripes along v, or a checker.
 
-    repeat : how many along u and v.  variation : how much single bricks, stripes or fields differ, 0..1.
+    repeat : numbers of elements along u and v.
+    variation : how much single bricks, stripes or fields differ, 0..1.
     """
 
     kind: str
@@ -127,7 +137,7 @@ class Pattern:
 
 
 def read_material(table: Table, folder: Path) -> Material:
-    """A surface's material from its table; a dielectric needs no paint."""
+    """Read a surface's material from its table; a dielectric needs no paint."""
     dielectric = _dielectric(table.table("dielectric")) if "dielectric" in table else None
     gloss = _gloss(table.table("gloss")) if "gloss" in table else None
     translucency = _translucency(table.table("translucency")) if "translucency" in table else None
@@ -185,7 +195,10 @@ def _translucency(table: Table) -> Translucency:
 
 
 def read_texture(path: Path, where: str) -> FloatArray:
-    """An sRGB picture file (PNG or JPEG) as albedo (rows, columns, 3); InputError starting with `where`."""
+    """Read an sRGB picture file (PNG or JPEG) as albedo (rows, columns, 3).
+
+    Raises InputError starting with `where`.
+    """
     try:
         picture = read_picture(path, MAX_TEXTURE_PIXELS, upright=True)
         memory.check(TEXEL_BYTES * picture.shape[0] * picture.shape[1], f"{path}: its light", "make it smaller")
@@ -196,6 +209,6 @@ def read_texture(path: Path, where: str) -> FloatArray:
 
 
 def _hash(i: FloatArray, j: FloatArray) -> FloatArray:
-    """A number in 0..1 for each pair of whole numbers, always the same."""
+    """Returns a reproducible number in 0..1 for each pair of integers."""
     mixed = (i.astype(np.int64) * 73856093 ^ j.astype(np.int64) * 19349663) & 0x7FFFFFFF
     return (mixed * 2654435761 % 1000003) / 1000003.0

@@ -1,4 +1,4 @@
-"""Which effects a scene calls for, and why: read off its geometry and its numbers, before any effect is imported."""
+"""Effects that a scene calls for, with reasons, derived from geometry and numbers before any effect is imported."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -14,14 +14,14 @@ from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.surfaces import Surface, facing_pairs, outline
 
 OVERLAP = 1e-3  # projector pixels²
-SHARP = 1e-3  # pixels: a smaller circle of confusion moves one ray in a thousand
+SHARP = 1e-3  # pixels; a smaller circle of confusion moves one ray in a thousand
 
 
 @dataclass(frozen=True)
 class Need:
-    """One effect: is it simulated, and the reason taken from the scene.
+    """One effect: whether it is simulated, and the reason taken from the scene.
 
-    worth : decibels of the final picture (study/worth.py), None where nobody judged.
+    worth : decibels of the final picture (study/worth.py); None if not measured.
     """
 
     effect: str
@@ -31,12 +31,12 @@ class Need:
 
 
 def needs_of(scene: Scene) -> dict[str, Need]:
-    """Every effect that can be simulated, by name, in the order of their work."""
+    """Returns the need of every effect by name, in the order in which effects are applied."""
     return {name: Need(name, *rule(scene)) for name, rule in RULES.items()}
 
 
 def chosen(needs: Mapping[str, Need], without: Collection[str] = (), only: Collection[str] = ()) -> dict[str, Need]:
-    """The same, with some switched off for a study; an effect that the scene does not call for stays off."""
+    """Switch some effects off for a study; an effect that the scene does not call for stays off."""
     for name in (*without, *only):
         if name not in needs:
             hint = nearest(name, needs) or f"; known are {', '.join(needs)}"
@@ -164,7 +164,7 @@ def _overlap_in_projector(scene: Scene, a: Surface, b: Surface) -> bool:
     for surface in (a, b):
         x, y, depth = scene.projector.project(outline(surface)[0])
         if np.any(depth <= 0):
-            return True  # reaches behind the projector: its picture is no polygon, so let the rays decide
+            return True  # A surface behind the projector has no polygon as its picture; the rays decide.
         outlines.append(cv2.convexHull(np.stack([x, y], axis=1).astype(np.float32)))
     area, _ = cv2.intersectConvexConvex(outlines[0], outlines[1])
     return bool(area > OVERLAP)
@@ -187,7 +187,7 @@ RULES: dict[str, Rule] = {
     "flicker": _flicker,
     "capture_noise": _capture_noise,
 }
-TAKES = ("shadows", "vignetting")  # their energy is what they take away
+TAKES = ("shadows", "vignetting")  # effects whose energy is what they remove
 MOVES = (
     "distortion",
     "camera_defocus",
@@ -198,4 +198,4 @@ MOVES = (
     "colour_filters",
     "flicker",
     "capture_noise",
-)  # theirs goes elsewhere
+)  # effects whose energy is what they move elsewhere

@@ -1,4 +1,4 @@
-"""Which optical effects of materials a scene calls for: coats that reflect, clear solids, translucent bodies."""
+"""Optical effects of materials that a scene calls for: reflective coats, clear solids, translucent bodies."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""What travels along the light paths of a scene: rays and samples on the camera's side, arrivals on the projector's."""
+"""Data along the light paths of a scene: rays and samples on the camera side, arrivals on the projector side."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,11 @@ from counterlight.tools.simulation.batch import Batch
 class Rays(Batch):
     """Rays that run backwards, from the camera into the room.
 
-    pixel : camera pixel (n,).  origin, direction : (n, 3), directions of length 1.
-    throughput : radiance in the camera pixel per radiance that comes along the ray, (n, 3).
-    inside : index of the dielectric surface that the ray runs in, −1 for air, (n,).
-    effect : what sent them on their way.
+    pixel : (n,). Camera pixel.
+    origin, direction : (n, 3). Directions have length 1.
+    throughput : (n, 3). Radiance in the camera pixel per radiance that arrives along the ray.
+    inside : (n,). Index of the dielectric surface around the ray; −1 for air.
+    effect : name of the effect that made the rays.
     """
 
     pixel: IntArray
@@ -29,11 +30,13 @@ class Rays(Batch):
 
 @dataclass(frozen=True)
 class Samples(Batch):
-    """Points of matt surfaces that a camera pixel sees, and how much.
+    """Points of matt surfaces that a camera pixel sees, and their throughput.
 
-    pixel, surface, u, v, facet : (n,), see Hits.  point, normal : (n, 3).  front : the surface's own side, (n,).
-    towards : unit directions to where the light leaves to, (n, 3).
-    throughput : radiance in the camera pixel per radiance that leaves the point in that direction, (n, 3).
+    pixel, surface, u, v, facet : (n,), see Hits.
+    point, normal : (n, 3).
+    front : (n,). Whether the surface's own side is seen.
+    towards : (n, 3). Unit directions in which the light leaves.
+    throughput : (n, 3). Radiance in the camera pixel per radiance that leaves the point in that direction.
     """
 
     pixel: IntArray
@@ -53,9 +56,10 @@ class Samples(Batch):
 class Arrivals(Batch):
     """Projector light that reaches samples.
 
-    sample : index into the batch of samples (n,).  pixel : projector pixel (n,).
-    irradiance : at the sample per unit drive of that pixel, (n, 3) or (n, 1) for all channels alike.
-    origin : where its last leg starts, (n, 3), a point of the projector's lens; NaN for light from many directions.
+    sample : (n,). Index into the batch of samples.
+    pixel : (n,). Projector pixel.
+    irradiance : (n, 3), or (n, 1) for equal channels. At the sample, per unit drive of that pixel.
+    origin : (n, 3). Point of the projector's lens where the last segment starts; NaN for light from many directions.
     """
 
     sample: IntArray
@@ -69,8 +73,9 @@ class Arrivals(Batch):
 class Deposits(Batch):
     """Projector light traced forwards until it ends on matt surfaces.
 
-    pixel : projector pixel (n,).  surface, u, v, facet, front, point, normal : where it ends, see Hits.
-    flux : power per unit drive, (n, 3) or (n, 1).
+    pixel : (n,). Projector pixel.
+    surface, u, v, facet, front, point, normal : where it ends, see Hits.
+    flux : (n, 3) or (n, 1). Power per unit drive.
     """
 
     pixel: IntArray

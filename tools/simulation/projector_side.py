@@ -1,10 +1,10 @@
-"""The projector's side of every light path: which projector pixels light a point, and where their light lands.
+"""The projector side of every light path: the projector pixels that light a point, and where their light lands.
 
-The projector lights a plane across its axis evenly, as real ones are built to: at depth z along the axis the irradiance
-on such a plane is E⊥ = π · brightness · (z₀ / z)², z₀ the distance of look_at, so that a white card there has radiance
-`brightness`. On a surface turned by θ towards a beam at α from the axis, E = E⊥ cos θ / cos α. Every projector pixel
-then carries the same flux, π · brightness · z₀² times its area on the plane at depth 1. Where a lens crowds pixels,
-there is that much more light.
+The projector lights a plane across its axis evenly, as real projectors are built to do. At depth z along the axis the
+irradiance on such a plane is E⊥ = π · brightness · (z₀ / z)², with z₀ the distance of look_at. A white card at z₀
+then has radiance `brightness`. On a surface turned by θ towards a beam at α from the axis, E = E⊥ cos θ / cos α. Every
+projector pixel then carries the same flux, π · brightness · z₀² times its area on the plane at depth 1. Irradiance
+grows in proportion to the pixel density of the lens.
 """
 
 from collections.abc import Iterator
@@ -17,12 +17,15 @@ from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.scene import Scene
 
-BAND_BEAMS = 1 << 18  # traced at once
-BEAMS = 2  # an axis and projector pixel for the light on cells
+BAND_BEAMS = 1 << 18  # beams traced at once
+BEAMS = 2  # beams per axis and projector pixel, for the light on cells
 
 
 def irradiance(scene: Scene, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Irradiance of a white picture at points (n, 3) with unit normals (n, 3), unshaded; 0 on the far side."""
+    """Returns the irradiance of a white picture without shadows, (n,); 0 on the far side.
+
+    points, normals : (n, 3). Normals have length 1.
+    """
     projector = scene.projector
     towards = points - projector.position
     depth = towards @ projector.forward
@@ -36,13 +39,13 @@ def irradiance(scene: Scene, points: FloatArray, normals: FloatArray) -> FloatAr
 
 
 def pixel_flux(scene: Scene) -> float:
-    """Power that leaves one projector pixel per unit drive."""
+    """Returns the power that leaves one projector pixel per unit drive."""
     projector = scene.projector
     return float(np.pi * projector.brightness * projector.target_distance**2 * projector.pixel_area)
 
 
 def arrivals(scene: Scene, samples: Samples, effects: EffectsOn) -> Iterator[Arrivals]:
-    """Projector light that reaches samples, straight and by way of light maps; shadows are not yet taken off."""
+    """Yield direct projector light that reaches samples, before shadows are removed."""
     if "direct" in effects:
         if "projector_defocus" in effects:
             yield from effects.call("projector_defocus", "arrivals", scene, samples)
@@ -51,7 +54,7 @@ def arrivals(scene: Scene, samples: Samples, effects: EffectsOn) -> Iterator[Arr
 
 
 def deposits(scene: Scene, effects: EffectsOn, beams: int = BEAMS) -> Iterator[Deposits]:
-    """Where beams² beams a projector pixel land on matt surfaces straight away, band by band of projector rows."""
+    """Yield the matt points where beams² beams per projector pixel land directly, in bands of projector rows."""
     projector = scene.projector
     flux = pixel_flux(scene) / beams**2
     share = np.ones(projector.pixels)

@@ -1,4 +1,4 @@
-"""From a simulated scene to a calibration folder."""
+"""Conversion of a simulated scene to a calibration folder."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from counterlight.viewpoints import Places
 
 
 def simulated_calibration(scene: Scene, result: Simulated) -> Calibration:
-    """What a room says beside its transport; the mask holds the camera pixels that the projector lights directly."""
+    """Returns the calibration of a simulated room; its mask selects the directly lit camera pixels."""
     mask = directly_lit(result.transport, result.ambient, (scene.projector.height, scene.projector.width))
     if not mask.any():
         raise InputError(
@@ -38,7 +38,10 @@ def simulated_calibration(scene: Scene, result: Simulated) -> Calibration:
 
 
 def simulated_room(scene: Scene, results: Sequence[Simulated]) -> tuple[Calibration, Transport]:
-    """The room of a scene's views, one or several below each other.  results : of each of `scene.views`."""
+    """Returns the room of a scene's views, joined if there are several.
+
+    results : one per view of `scene.views`.
+    """
     rooms = [simulated_calibration(view, result) for view, result in zip(scene.views, results, strict=True)]
     if len(rooms) == 1:
         return rooms[0], results[0].transport
@@ -48,7 +51,7 @@ def simulated_room(scene: Scene, results: Sequence[Simulated]) -> tuple[Calibrat
 
 
 def fill_simulated_room(scene: Scene, results: Sequence[Simulated], stage: Path) -> str:
-    """Write a simulated scene into the stage of a calibration; returns some words on the whole."""
+    """Write a simulated scene into the stage of a calibration; returns a short description."""
     if scene.places is not None:
         return _fill_set(scene, scene.places, results, stage)
     room, transport = simulated_room(scene, results)

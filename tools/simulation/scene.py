@@ -1,9 +1,9 @@
 """Scene files: a projector, a camera and surfaces, in TOML that a person reads and writes.
 
     name = "wall"
-    samples = 4                        # rays a camera pixel and axis (default 4)
-    cells = 600                        # cells of the far light, all surfaces together (default 600)
-    threshold = 1e-4                   # entries of T below this share of their row's largest go (default 1e-4)
+    samples = 4                        # rays per camera pixel and axis (default 4)
+    cells = 600                        # cells of the far light, over all surfaces (default 600)
+    threshold = 1e-4                   # drops entries of T below this fraction of their row's largest (default 1e-4)
 
     [projector]
     width = 256
@@ -15,12 +15,12 @@
     aperture = 0.02                    # the lens' diameter in metres (default 0: everything is sharp)
     focus_distance = 2.2               # depth along the axis that is sharp (default: look_at's distance)
     vignetting = 0.2                   # light lost in the picture's corner, or "cos4" (default 0)
-    distortion = [-0.1, 0.02, 0, 0, 0] # k1, k2, p1, p2, k3 of the lens, as OpenCV has them (default 0)
+    distortion = [-0.1, 0.02, 0, 0, 0] # k1, k2, p1, p2, k3 of the lens, as in OpenCV (default 0)
     brightness = 1.0                   # radiance of a white card facing it at look_at's distance (default 1)
     black_level = 0.002                # light of a black pixel, as a share of a white one (default 0)
     response = "srgb"                  # "linear", "srgb", a gamma, a table or "FILE.toml" of counterlight
-                                       # fit-response, here or below (default "linear")
-    flicker = { depth = 0.05, hz = 240 }   # its light swings by that share of its mean, so often a second; in captures
+                                       # fit-response, in this folder or below (default "linear")
+    flicker = { depth = 0.05, hz = 240 }   # amplitude as a share of the mean, and frequency; only in captures
                                            # (default: steady)
 
     [camera]                           # width to distortion and response as above, and:
@@ -28,15 +28,14 @@
                                        # GBRG (default: every pixel sees all colours)
     bloom = { share = 0.03, radius_deg = 0.4 }     # light that lens and sensor scatter into a halo (default none)
     sensor = { full_well_electrons = 20000, read_noise_electrons = 5, bits = 12 }   # of captures (default: noiseless);
-                                       # with flicker: exposure_s = 0.0167, seconds that an exposure of 1 takes, and
-                                       # readout_s = 0.01, from the first row's exposure to the last one's (default 0)
+                                       # with flicker: exposure_s = 0.0167, seconds of an exposure of 1, and
+                                       # readout_s = 0.01, from the first row's exposure to the last row's (default 0)
     mixing = [[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]]   # what red, green and blue of the camera
-                                       # see of red, green and blue light on neutral paint (default: their own alone)
+                                       # see of red, green and blue light on neutral paint (default: only their own)
+                                       # several cameras see one room as [[cameras]], each with the keys of [camera]
 
-                                       # several see the same room as [[cameras]], each with the keys of [camera]
-
-    [viewpoints]                       # the camera stands at each of these, and looks at what it looks at (default one)
-    at = [[-0.5, 0], [0, 0], [0.5, 0]] # metres to the right of its position and up, at most 64: views for viewers that
+    [viewpoints]                       # the camera stands at each of these and keeps its look_at (default: one place)
+    at = [[-0.5, 0], [0, 0], [0.5, 0]] # metres to the right and up of its position, at most 64: views for viewers that
                                        # move (docs/viewpoints.md)
 
     [ambient]
@@ -49,32 +48,33 @@
     edge_u = [2, 0, 0]
     edge_v = [0, 2, 0]
     albedo = [0.8, 0.8, 0.8]           # or: texture = "picture.png" (sRGB, seen from the camera's side: v points up;
-                                       #     pictures are PNG or JPEG, files lie beside this one or below)
+                                       #     pictures are PNG or JPEG, in this folder or below)
                                        # or: pattern = { kind = "bricks", colours = [[..], [..]], repeat = [8, 16],
                                        #                 variation = 0.3 }   (kinds: bricks, stripes, checker)
     gloss = { reflectance = 0.04, roughness = 0.1 }      # a coat: specular reflectance at normal incidence, 0..1, and
                                                          # roughness from 0, a mirror, to 1 (default: matt)
-    overlap = [[1, 0.7, 1], [0.8, 1, 1.2], [1, 1.1, 1]]  # with the camera's mixing: what the paint reflects of the
-                                                         # light that channel (row) sees of primary (column), as a
-                                                         # share of its albedo there (default: all of it)
+    overlap = [[1, 0.7, 1], [0.8, 1, 1.2], [1, 1.1, 1]]  # with the camera's mixing: reflectance in the light that the
+                                                         # channel (row) sees of the primary (column), as a share of
+                                                         # the albedo there (default: 1)
     translucency = { mean_free_path = [0.004, 0.002, 0.001] }   # metres per channel, without gloss (default: opaque)
 
 Shapes and their keys:
+
     plane      corner, edge_u, edge_v
     card       corner, fold (a vector along the fold), wings (two vectors from the fold): a folded card, two surfaces
     sphere     centre, radius
-    cylinder   base, axis (a vector, its length the height), radius; with caps
+    cylinder   base, axis (a vector; its length is the height), radius; with caps
     relief     corner, edge_u, edge_v, height (metres) and figure ("statuette", "skull", "waves", "bricks") or heights
-               (a grey picture, 8 or 16 bit); detail (fields along the longer edge); cut = true leaves out what
-               stays at 0
+               (a grey picture, 8 or 16 bit); detail (fields along the longer edge); cut = true omits parts of height 0
     lathe      base, axis (default up), profile = [[radius, height], ...], detail: a solid of revolution, drawn from
                its bottom up the outside; closed if it begins and ends with radius 0
     mesh       file (OBJ), at (default the origin), scale (default 1)
 
-Closed shapes (sphere, cylinder, lathe, mesh) can be clear solids, without a colour of their own:
+Closed shapes (sphere, cylinder, lathe, mesh) can be clear solids, without a colour:
+
     dielectric = { index = 1.5, abbe = 60, absorption = [20, 5, 12] }   # per metre; abbe default: no dispersion
 
-Anything else in the file is an error that names the nearest known key.
+Any other key in the file is an error that names the nearest known key.
 """
 
 from dataclasses import dataclass, replace
@@ -99,10 +99,11 @@ MAX_SAMPLES, MAX_CELLS = 16, 4000
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole room; see the module's text for units.
+    """A whole room; the module's docstring states the units.
 
-    camera : the one that is simulated.  others : of a room of several cameras, or of several views.
-    places : where views stand, the camera's first; None for a room that is one calibration.
+    camera : the camera that is simulated.
+    others : further cameras, or further positions of a room with several views.
+    places : positions of the views, the camera's first; None for a room that is one calibration.
     """
 
     name: str
@@ -118,11 +119,11 @@ class Scene:
 
     @property
     def views(self) -> tuple["Scene", ...]:
-        """The room as each camera sees it alone."""
+        """Returns the room once per camera, each with that camera alone."""
         return tuple(replace(self, camera=each, others=(), places=None) for each in (self.camera, *self.others))
 
     def resized(self, camera: Size | None = None, projector: Size | None = None) -> "Scene":
-        """With other pixels, (height, width) each, None to keep them; the horizontal fields of view stay."""
+        """Returns the scene with other picture sizes, (height, width), or None; fields of view stay."""
         return replace(
             self,
             camera=self.camera if camera is None else self.camera.resized(*camera),
@@ -132,7 +133,10 @@ class Scene:
 
 
 def load_scene(path: Path) -> Scene:
-    """Read and check a scene file; InputError naming file, table and key for anything wrong."""
+    """Read and check a scene file.
+
+    Raises InputError that names file, table and key.
+    """
     top = Table(read_toml(path, "the shipped scenes are in calib_data/scenes"), f"{path}")
     projector = read_projector(top.table("projector"), path.parent)
     cameras = top.tables("cameras", MOST_CAMERAS) if "cameras" in top else [top.table("camera")]
@@ -189,7 +193,7 @@ def _surfaces(table: Table, folder: Path, eye: Vector) -> list[Surface]:
 
 
 def inside_of(scene: Scene, point: Vector) -> Surface | None:
-    """The solid that a point is in, if any: the one whose inner side the nearest crossing along a ray meets."""
+    """Returns the solid that contains a point, or None: the nearest crossing along a ray meets its inner side."""
     from counterlight.tools.simulation.geometry import trace
 
     solids = [surface for surface in scene.surfaces if surface.shape.closed]

@@ -1,4 +1,4 @@
-"""Run the effects that a scene calls for, band by band of camera rows, and say what each cost."""
+"""Simulation of a scene: runs the effects that it calls for, in bands of camera rows, and reports the cost of each."""
 
 import time
 from collections.abc import Collection, Iterator, Mapping
@@ -24,19 +24,19 @@ from counterlight.tools.simulation.projector_side import arrivals, deposits
 from counterlight.tools.simulation.scene import Scene, inside_of
 from counterlight.tools.transport.transport import Transport
 
-BAND_RAYS = 1 << 18  # traced at once
-SAMPLES_AT_ONCE = 1 << 15  # lit at once: a light map may send a hundred arrivals to a sample
-MANY = 1 << 17  # entries of a batch that are summed before the next
+BAND_RAYS = 1 << 18  # rays traced at once
+SAMPLES_AT_ONCE = 1 << 15  # samples lit at once: a light map may send a hundred arrivals to a sample
+MANY = 1 << 17  # a batch with more entries is summed before the next batch
 MAX_BYTES = 8 << 30
-BYTES_A_RAY = 16  # the entries that rays become
-BYTES_A_BEAM = 100  # a projector pixel's entries in the gather
-THROUGH_GLASS = ("refraction", "caustics")  # whose light dispersion moves
+BYTES_A_RAY = 16  # bytes for the entries made from one ray
+BYTES_A_BEAM = 100  # bytes for a projector pixel's entries in D
+THROUGH_GLASS = ("refraction", "caustics")  # effects whose light dispersion moves
 Entries = tuple[IntArray, IntArray, FloatArray]
 
 
 @dataclass(frozen=True)
 class EffectReport:
-    """An effect: processor seconds, entries of T or its factors, share of the floodlit room's light."""
+    """Cost of an effect: processor seconds, entries of T or its factors, share of the floodlit room's light."""
 
     need: Need
     seconds: float = 0.0
@@ -54,10 +54,11 @@ class EffectReport:
 
 @dataclass(frozen=True)
 class Spectral:
-    """Light primary by primary, and what the camera makes of it.
+    """Light per primary, and how the camera sees it.
 
-    transport : T_l of each primary.  mixing : X, (camera height, camera width, 3, 3), channel by primary.
-    primaries : F, (3, camera height, camera width, 3), the floodlights, red first.
+    transport : T_l of each primary.
+    mixing : X, (camera height, camera width, 3, 3), channel by primary.
+    primaries : F, (3, camera height, camera width, 3). Floodlights, red first.
     """
 
     transport: Transport
@@ -67,10 +68,10 @@ class Spectral:
 
 @dataclass(frozen=True)
 class Simulated:
-    """T, and e (camera height, camera width, 3), of a scene, with one report per effect.
+    """T and e (camera height, camera width, 3) of a scene, with one report per effect.
 
-    spectral : what is behind them if the camera's channels see several primaries; T is then that of white light.
-    blurring : what became of rows that were too long for maps, None if there were none.
+    spectral : light per primary, if the camera's channels see several primaries; T then describes white light.
+    blurring : how long rows were shortened; None if they were not.
     """
 
     transport: Transport
@@ -82,7 +83,7 @@ class Simulated:
     blurring: Blurring | None = None
 
     def explained(self, *, all_effects: bool = True) -> str:
-        """The reports as lines under a heading: what was on, what it cost, and why."""
+        """Returns the reports as lines under a heading: active effects, their costs, and the reasons."""
         heading = (
             f"{'effect':22} {'CPU s':>7} {'entries':>13} {'energy':>9} {'dB':>6}  why (+ adds, - takes away, ~ moves)"
         )
@@ -104,11 +105,14 @@ def simulate(
     tolerance: float = BLUR_TOLERANCE,
     elsewhere: Elsewhere | None = None,
 ) -> Simulated:
-    """Simulate what a scene calls for, nothing else; InputError if projector or camera sees nothing.
+    """Simulate the effects that a scene calls for.
 
-    needs : of the scene, None to read them off it.  without, only : effects to leave out, or to keep, for a study.
-    tolerance : dB that pictures may lose where rows of T are too long for maps; 0 leaves all as they are.
-    elsewhere : who traces the scene's bands; None for this process.
+    needs : of the scene; None derives them from it.
+    without, only : effects to switch off, or to keep, for a study.
+    tolerance : dB that pictures may lose where rows of T are too long for maps; 0 keeps T as it is.
+    elsewhere : worker processes that trace the bands; None traces in this process.
+
+    Raises InputError if projector or camera sees no surface.
     """
     if not 0 <= tolerance <= MOST_TOLERANCE:
         raise InputError(f"tolerance {tolerance:g}: expected 0 (T stays as it is) to {MOST_TOLERANCE:g} dB")
@@ -118,7 +122,7 @@ def simulate(
 
 
 def trace_band(source: SceneSource, needs: tuple[tuple[str, Need], ...], rows: range) -> tuple[Band, Costs]:
-    """A band and what it cost; for a worker."""
+    """Returns a band and its costs; runs in a worker process."""
     simulation = _prepared(source, needs)
     simulation.effects.forget_costs()
     return simulation.band(rows), simulation.effects.costs
@@ -132,7 +136,7 @@ def _prepared(source: SceneSource, needs: tuple[tuple[str, Need], ...]) -> "_Sim
 
 
 class _Simulation:
-    """What is collected while the bands go by."""
+    """State collected over the bands."""
 
     def __init__(self, scene: Scene, needs: dict[str, Need], tolerance: float = BLUR_TOLERANCE) -> None:
         self.start = time.process_time(), time.perf_counter()
@@ -149,7 +153,7 @@ class _Simulation:
         self.exchange: Any = None
 
     def prepare(self) -> None:
-        """What every band needs."""
+        """Prepare the data that all bands share: light maps and the exchange of the far light."""
         scene, effects = self.scene, self.effects
         self.maps = {name: effects.call(name, "light_map", scene, effects) for name in effects.having("light_map")}
         if "inter_reflection" in effects:
@@ -179,7 +183,7 @@ class _Simulation:
             yield from self.effects.timed(name, light_map.deposits)
 
     def _take_all(self, bands: list[range], elsewhere: Elsewhere) -> None:
-        """Bands in their order, which decides what becomes of long rows, however they come."""
+        """Take bands in their own order, which determines how long rows are shortened, not in order of completion."""
         needs, waiting, next_one = tuple(self.needs.items()), dict[int, Band](), 0
         jobs = [partial(trace_band, elsewhere.source, needs, rows) for rows in bands]
         for number, (band, costs) in track(elsewhere.workers.completed(jobs), "tracing light paths", len(jobs)):
@@ -191,7 +195,7 @@ class _Simulation:
                 next_one += 1
 
     def _take(self, rows: range, band: Band) -> None:
-        """Join a band to the room."""
+        """Add a band to the room."""
         width, done = self.scene.camera.width, rows.stop / self.scene.camera.height
         here = slice(rows.start * width, rows.stop * width)
         self.near.add(band.near, done)
@@ -201,7 +205,7 @@ class _Simulation:
         self.seen, self.lit = self.seen or band.seen, self.lit or band.lit
 
     def band(self, rows: range) -> Band:
-        """What rows of the camera's picture see."""
+        """Trace some rows of the camera picture."""
         width, columns = self.scene.camera.width, self.scene.projector.pixels
         first, count = rows.start * width, len(rows) * width
         self.sharp: list[IntArray] = []
@@ -233,7 +237,7 @@ class _Simulation:
         )
 
     def _light(self, samples: Samples, near: dict[str, list[Entries]], far: list[Entries]) -> None:
-        """All that one batch of samples contributes."""
+        """Add all contributions of one batch of samples."""
         paint, around = paint_of(self.scene, samples), 1 / np.pi
         matt = samples.throughput * albedo_of(self.scene, samples, paint, self.effects) * around
         for found in self._arrivals(samples):
@@ -255,14 +259,14 @@ class _Simulation:
             far += self.effects.call("inter_reflection", "seen_by_camera", self.scene, self.exchange, samples, matt)
 
     def _mix(self, samples: Samples, weight: FloatArray) -> None:
-        """Add what samples see of the primaries to their pixels'."""
+        """Add the primaries that samples see to the sums of their pixels."""
         found = self.effects.call("crosstalk", "of_samples", self.scene, samples).reshape(-1, 9)
         for i in range(9):
             self.mixing[:, i] += np.bincount(samples.pixel, weight * found[:, i], len(self.mixing))
         self.weight += np.bincount(samples.pixel, weight, len(self.weight))
 
     def _merged(self, pixel: IntArray, column: IntArray, weights: FloatArray) -> Entries:
-        """The same entries, those of several samples of one pixel summed."""
+        """Sum the entries of several samples of one pixel."""
         columns = self.scene.projector.pixels
         place, weights = summed(pixel * columns + column, weights)
         return place // columns, place % columns, weights
@@ -273,11 +277,11 @@ class _Simulation:
             yield from self.effects.timed(name, light_map.arrivals, samples)
 
     def _seen_light(self, samples: Samples, paint: FloatArray, found: Arrivals) -> FloatArray:
-        """Radiance in the camera's pixels of some arrivals, (n, 3): reflected, less what shadows and lenses take."""
+        """Returns the radiance (n, 3) that arrivals cause in the camera's pixels, after shadows and lens losses."""
         scene, effects = self.scene, self.effects
         straight = found.effect == "direct"
         reflectance = paint[found.sample] / np.pi
-        if not straight and not effects.having("reflectance"):  # most of a light map's many arrivals
+        if not straight and not effects.having("reflectance"):  # most arrivals of a light map
             return np.asarray(samples.throughput[found.sample] * reflectance * found.irradiance)
         there = samples.at(found.sample)
         for name in effects.having("reflectance"):
@@ -298,7 +302,7 @@ class _Simulation:
         return weights
 
     def _account_moves(self, there: Samples, found: Arrivals, weights: FloatArray) -> None:
-        """Light that lenses bring from, or to, other pixels than pinholes would."""
+        """Account light whose pixels differ from the pixels of pinholes without distortion."""
         if "distortion" in self.effects:
             ends = ((self.straight.projector, found.pixel), (self.straight.camera, there.pixel))
             same = [device.pixel_at(*device.project(there.point)[:2]) == pixel for device, pixel in ends]
@@ -353,7 +357,7 @@ class _Simulation:
     def _through_filters(
         self, transport: Transport, ambient: FloatArray, spectral: Spectral | None
     ) -> tuple[Transport, FloatArray, Spectral | None]:
-        """What is photographed, T, e and floodlights, as the camera's colour filters leave it."""
+        """Apply the camera's colour filters to T, e and the floodlights."""
         effects, mosaic = self.effects, self.scene.camera.mosaic
         filtered, ambient, moved = effects.call("colour_filters", "filtered", mosaic, transport, ambient)
         effects.account("colour_filters", moved, filtered.entries - transport.entries)
@@ -380,7 +384,7 @@ def _joined(entries: list[Entries]) -> Entries:
 
 
 def _check(scene: Scene, needs: dict[str, Need]) -> None:
-    """InputError for a device inside a solid and for what would not fit in memory."""
+    """Raises InputError for a device inside a solid, and for a scene that would not fit in memory."""
     for name, device in (("camera", scene.camera), ("projector", scene.projector)):
         solid = inside_of(scene, device.position)
         if solid is not None:

@@ -1,4 +1,4 @@
-"""A surface: a shape made of a material; and which surfaces face each other."""
+"""Surfaces: a shape with a material; and the pairs of surfaces that face each other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.shapes.shape import Shape, sample_places
 
 AHEAD = 1e-9  # metres
-OUTLINE_SIDE = 17  # points an axis that stand for a curved surface
+OUTLINE_SIDE = 17  # points per axis that represent a curved surface
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One of the things in a room."""
+    """A named surface of a room."""
 
     name: str
     shape: Shape
@@ -24,12 +24,12 @@ class Surface:
 
     @property
     def matt(self) -> bool:
-        """Does some light that meets it leave evenly to all sides?"""
+        """Returns whether part of the arriving light leaves diffusely."""
         return self.material.dielectric is None
 
 
 def outline(surface: Surface) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) and normals (n, 3) that stand for a surface: a plane's corners, else places all over it."""
+    """Returns points and normals (n, 3) that represent a surface: a plane's corners, or places all over it."""
     shape = surface.shape
     if isinstance(shape, Parallelogram):
         return shape.corners, np.broadcast_to(shape.normal, (4, 3))
@@ -42,7 +42,7 @@ def outline(surface: Surface) -> tuple[FloatArray, FloatArray]:
 
 
 def facing_pairs(surfaces: Sequence[Surface]) -> list[tuple[Surface, Surface]]:
-    """Pairs of matt surfaces that have points in front of each other; a surface that is not convex may face itself."""
+    """Returns pairs of matt surfaces with points in front of each other; a non-convex surface may face itself."""
     matt = [surface for surface in surfaces if surface.matt]
     pairs = [(a, b) for i, a in enumerate(matt) for b in matt[i:] if a is not b or not a.shape.convex]
     return [(a, b) for a, b in pairs if _face(a, b)]

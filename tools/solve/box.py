@@ -1,10 +1,10 @@
 """The best picture that a projector can show: the objective's minimum (tools/transport/objective.py), to a stated gap.
 
-Of T alone, min ½‖T p − b‖², 0 ≤ p ≤ 1. As T ≥ 0, TᵀT ≼ diag(d), d = TᵀT·1: a step −Tᵀ(T p − b)/d never overshoots,
-whatever T is scaled by, and likewise with weights and a prior. Nesterov's momentum
-with the gradient restart of O'Donoghue and Candès (2015) and most of the over-relaxation of the optimised gradient
-method (Kim and Fessler 2016) make it fast. With g the gradient at p, convexity gives
-f(p) − f* ≤ Σ max(g p, g (p − 1)), which certifies how far the optimum can be.
+For T alone: min ½‖T p − b‖², 0 ≤ p ≤ 1. As T ≥ 0, TᵀT ≼ diag(d), d = TᵀT·1. A step −Tᵀ(T p − b)/d therefore never
+overshoots, for any scale of T; the same holds with weights and a prior. Nesterov's momentum with the gradient restart
+of O'Donoghue and Candès (2015), and most of the over-relaxation of the optimised gradient method (Kim and Fessler
+2016), make it fast. With g the gradient at p, convexity gives f(p) − f* ≤ Σ max(g p, g (p − 1)), which bounds the
+distance from the optimum.
 """
 
 import numba
@@ -25,16 +25,16 @@ OVER_RELAXATION = 0.9
 
 
 class Box:
-    """The optima for 0 ≤ p ≤ upper, to a relative gap of `tolerance`; the notes say the gap reached and the steps.
+    """Finds the optimum for 0 ≤ p ≤ upper, to a relative gap of `tolerance`; notes state the reached gap and the steps.
 
-    An infinite `upper` is certified up to twice the largest p.  most_steps : None for thousands, more of them where one
-    takes microseconds.
+    upper : limit of p. For infinity, the gap is certified for drives up to twice the largest p.
+    most_steps : None for thousands, or ten times as many if a step takes microseconds.
     """
 
     def __init__(
         self, T: Transport | Objective, upper: float = 1.0, tolerance: float = TOLERANCE, most_steps: int | None = None
     ) -> None:
-        """T : of the camera pixels that count, each like the others; or an objective that weighs them."""
+        """T : transport of the camera pixels that count, all weighted equally; or an objective with weights."""
         self._objective = T if isinstance(T, Objective) else Objective.plain(T)
         self._upper, self._tolerance, self._step = upper, tolerance, self._objective.step_size
         self._large = self._step.size >= LARGE
@@ -43,13 +43,13 @@ class Box:
         self._rounds = -(-most_steps // CHECK_EVERY)
 
     def solve(self, b: FloatArray) -> Solution:
-        """b : (camera pixels, 3), 0 where T has no row."""
+        """Solve for b, (camera pixels, 3), 0 where T has no row."""
         p, notes = self.run(b)
         return Solution(p, tuple(f"{name}: {note}" for name, note in zip(CHANNELS, notes, strict=True)))
 
     def run(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-        """p (projector pixels, 3), and a note for each channel."""
-        with threadpool_limits(limits=1):  # with more, far light's small products take up to 28 times as long
+        """Return p, (projector pixels, 3), and a note per channel."""
+        with threadpool_limits(limits=1):  # with more threads, far light's small products take up to 28 times as long
             return self._run(b)
 
     def _run(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
@@ -81,7 +81,9 @@ class Box:
 def _projected(
     y: FloatArray, p: FloatArray, descent: FloatArray, step: FloatArray, upper: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The step from y, limited to the box (n, 3), and (y − it)·(it − p), above 0 where momentum leads uphill (3,)."""
+    """Return the step from y limited to the box, q (n, 3), and (y − q)·(q − p), (3,): positive where momentum is
+    uphill.
+    """
     following = np.empty_like(y)
     red, green, blue = 0.0, 0.0, 0.0
     for j in numba.prange(len(y)):
@@ -94,7 +96,7 @@ def _projected(
 
 
 def _extrapolated(y: FloatArray, p: FloatArray, following: FloatArray, momentum: FloatArray) -> FloatArray:
-    """The next y (n, 3).  momentum : (3,)."""
+    """Return the next y, (n, 3). momentum : (3,)."""
     result = np.empty_like(y)
     for j in numba.prange(len(y)):
         for i in range(3):

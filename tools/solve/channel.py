@@ -1,4 +1,4 @@
-"""One colour channel of T, as scipy and the dense solvers take it: vectors instead of pictures."""
+"""One colour channel of T, as scipy and the dense solvers need it: vectors instead of pictures."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +18,9 @@ from counterlight.tools.transport.transport import Csr, FarLight, Transport, cha
 class Channel:
     """T = S + B P + U M D of one channel.
 
-    near : S, (camera pixels, projector pixels) float64, no explicit zeros.  far : D, M and U.  blurred : P and B.
+    near : S, (camera pixels, projector pixels) float64, no explicit zeros.
+    far : D, M and U.
+    blurred : P and B.
     """
 
     near: Csr
@@ -27,7 +29,7 @@ class Channel:
 
     @classmethod
     def of(cls, T: Transport, i: int) -> "Channel":
-        """Channel 0, 1 or 2."""
+        """Extract channel 0, 1 or 2."""
         near, far, blurred = channel(T.near, i).astype(np.float64), T.far, T.blurred
         return cls(
             near,
@@ -42,7 +44,7 @@ class Channel:
 
     @property
     def in_entries(self) -> bool:
-        """Whether all of T is near light, whose clusters are systems of their own."""
+        """Whether all of T is near light, whose clusters are separate systems."""
         return self.far is None and self.blurred is None
 
     @cached_property
@@ -66,14 +68,14 @@ class Channel:
         return near + U @ M @ D
 
     def only(self, rows: NDArray[np.bool_]) -> "Channel":
-        """Near light of those camera pixels, the other rows left empty."""
+        """Return the near light of some camera pixels; the other rows are empty."""
         near = self.near.copy()
         near.data[~np.repeat(rows, np.diff(near.indptr))] = 0
         near.eliminate_zeros()
         return Channel(near)
 
     def alone(self) -> Transport:
-        """As a T whose other two channels are dark."""
+        """Return this channel as a T whose other two channels are dark."""
         far = blurred = None
         if self.far is not None:
             D, M, U = self.far

@@ -1,4 +1,4 @@
-"""Every cluster solved by itself (thesis 4.2.1): dense, batched by shape, on all cores; larger ones by Krylov steps."""
+"""Solves every cluster separately (thesis 4.2.1): dense, batched by shape, on all cores; larger ones by LSMR."""
 
 from collections.abc import Callable
 from functools import partial
@@ -17,18 +17,19 @@ from counterlight.tools.solve.solution import ChannelSolver
 
 Blockwise: TypeAlias = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
 Factorise: TypeAlias = Callable[[FloatArray], Blockwise]
-LARGEST_BLOCK = 1 << 22  # camera times projector pixels of a cluster solved densely; an SVD of that takes some 20 s
+LARGEST_BLOCK = 1 << 22  # camera times projector pixels of a cluster solved densely; its SVD takes about 20 s
 BATCH_VALUES = 1 << 20
-MOST_KEPT = 1 << 26  # values of all blocks up to which factors are kept (512 MiB); beyond, each picture makes them anew
+MOST_KEPT = 1 << 26  # values of all blocks up to which factors are kept (512 MiB); beyond, each picture recomputes them
 
 
 class Clusterwise:
-    """Each cluster by factors of its dense block, and what is too large for that by `large`.
+    """Solves each cluster by factors of its dense block, and larger systems by `large`.
 
-    factorise : blocks (k, m, n) -> what takes b (k, m) to p (k, n), and whether a block is special (k,).
-    unusual : what special means, for the note "3 of 120 clusters …".
-    large : default is least squares of minimum norm by LSMR.
-    Far and blurred light are no entries of clusters: `large` takes all of such a T.
+    factorise : blocks (k, m, n) -> a function from b (k, m) to p (k, n) and whether each block is special, (k,).
+    unusual : meaning of special, for the note "3 of 120 clusters …".
+    large : solver for large systems; the default is least squares of minimum norm by LSMR.
+
+    Clusters have no entries of far and blurred light: a T with such light is solved by `large` as a whole.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class Clusterwise:
         self._fits = sizes <= LARGEST_BLOCK
         self._blocks = ClusterBlocks(clusters, self._fits)
         self._entries, self._batches = self._blocks.entries(T.near), list(self._blocks.batches(BATCH_VALUES))
-        self._rows = np.isin(clusters.camera, np.flatnonzero(~self._fits))  # of the clusters that are too large
+        self._rows = np.isin(clusters.camera, np.flatnonzero(~self._fits))  # rows of the clusters that are too large
         if self._rows.any():
             self._large = large(T.only(self._rows))
         self._factors: list[Blockwise] | None = None
@@ -53,7 +54,7 @@ class Clusterwise:
             )
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-        """p (projector pixels,), and notes. Raises NonFiniteError, naming the cluster, if a result is not finite."""
+        """Return p, (projector pixels,), and notes. Raises NonFiniteError with the cluster if p is not finite."""
         if not self._T.in_entries and self._large is not None:
             drive, notes = self._large.solve(b)
         else:
@@ -81,7 +82,8 @@ class Clusterwise:
         return drive, tuple(notes)
 
     def _factors_of(self, batch: Batch) -> Blockwise:
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is refused afterwards
+        # results that are not finite are refused afterwards
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             return self._factorise(self._blocks.dense(self._entries, batch))
 
     def _block_solutions(self, number: int, b: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:

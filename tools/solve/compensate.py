@@ -1,4 +1,4 @@
-"""A calibration and a picture -> the drive that each solver finds, and what the camera then sees."""
+"""From a calibration and a picture to each solver's drive, and the resulting camera picture."""
 
 import time
 from collections.abc import Iterator
@@ -38,12 +38,14 @@ HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  
 
 @dataclass(frozen=True)
 class CompensateOptions:
-    """How to solve.
+    """Options of a compensation.
 
     solvers : of COMPENSATIONS.
-    max_cluster : for qr, svd and nnls, decompose T into clusters of at most so many projector pixels (thesis 4.2.2).
-    white : radiance of a white picture, None for what most of the room can reach.  colour : of COLOURS.
-    priors : whether the box seeks what play seeks, with its weights and priors, `aims`; else least squares alone.
+    max_cluster : for qr, svd and nnls, decompose T into clusters of at most this many projector pixels (thesis 4.2.2).
+    white : radiance of a white picture; None for what most of the room can reach.
+    colour : of COLOURS.
+    aims : weights and priors of the objective.
+    priors : whether the box uses play's objective, with weights and priors; otherwise plain least squares.
     """
 
     solvers: tuple[str, ...]
@@ -65,11 +67,12 @@ class CompensateOptions:
 
 @dataclass(frozen=True)
 class Compensated:
-    """What one solver did.
+    """The result of one solver.
 
-    drive : (projector height, projector width, 3), 0..1.  clipped : share of the lit projector pixels' values that
-    the solver asked for beyond 0..1.  below_optimum : decibels that the unweighted optimum's PSNR is above this one's.
-    outside : light that the camera does not see, as a share of the uncorrected picture's; None where it sees it all.
+    drive : (projector height, projector width, 3), 0..1.
+    clipped : share of the lit projector pixels' values that the solver put outside 0..1.
+    below_optimum : dB by which the unweighted optimum's PSNR is higher.
+    outside : light that the camera does not see, relative to the uncorrected picture; None if it sees everything.
     """
 
     solver: str
@@ -102,9 +105,11 @@ class CompensationTask:
         options: CompensateOptions,
         maps: RoomMaps | None = None,
     ) -> None:
-        """picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.
+        """Prepare a task.
 
-        maps : the room's, for the solver `map`.
+        picture : (camera height, camera width, 3). Linear 0..1, or the desired camera radiance itself.
+        radiance : whether `picture` is radiance.
+        maps : the room's maps, for the solver `map`.
         """
         self._tier, self._calibration, self._options, self._maps = tier, tier.calibration, options, maps
         self.white = tier.white if options.white is None else options.white
@@ -124,13 +129,13 @@ class CompensationTask:
 
     @property
     def counted(self) -> int:
-        """Lit camera pixels, which are solved for and judged."""
+        """Number of lit camera pixels, which are solved for and judged."""
         return int(self._counts.sum())
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
-        """Every solver of the options, in their order.
+        """Run every solver of the options, in order.
 
-        plain : (projector height, projector width, 3), the picture as the projector would show it uncorrected.
+        plain : (projector height, projector width, 3). The uncorrected picture on the projector.
         """
         for name in self._options.solvers:
             found = self._optimum if name == "box" and not self._options.priors else self._found(name, plain)
@@ -160,12 +165,12 @@ class CompensationTask:
         return self._solve_decomposed(name, self._options.max_cluster)
 
     def _by_maps(self, maps: RoomMaps) -> FloatArray:
-        """As the player does it, in the tier of colour that the maps were built for."""
+        """Compute the drive as the player does, in the colour tier that the maps were built for."""
         ambient = maps.mixing.on_screen(self._calibration.ambient)
         return drive_of(maps, maps.mixing.asked(self._stated(maps.mixing) - ambient))
 
     def _stated(self, mixing: Mixing) -> FloatArray:
-        """What is wanted, in the screen primaries of a mixing."""
+        """Return the desired picture in the screen primaries of a mixing."""
         if self._radiance:
             return np.asarray(mixing.on_screen(self._wanted), np.float64)
         return np.asarray(self._wanted * self.white, np.float64)
@@ -174,7 +179,7 @@ class CompensationTask:
         return prepare(name, self._inside, self._counts, self._objective if self._options.priors else None)
 
     def _solve_decomposed(self, name: str, max_cluster: int) -> tuple[FloatArray, tuple[str, ...]]:
-        """Clusters of the near light; far light is that of the clamped drive, until the drive stops changing."""
+        """Solve clusters of the near light. Far light comes from the clamped drive, and is iterated until stable."""
         shapes = self._calibration.camera.shape, self._calibration.projector.shape
         parameters, cut = decompose_to(self._inside.near, *shapes, max_cluster)
         note = f"T cut to clusters of at most {max_cluster} (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g})"
@@ -204,10 +209,10 @@ class CompensationTask:
 
 
 def compensate(folder: Path, picture: Path, output: Path | None, options: CompensateOptions) -> Iterator[str]:
-    """Solve, write what was asked for and yield what to print, line by line.
+    """Solve, write the output, and yield lines to print.
 
-    output : .png holds the projector's code values, .exr the linear drive; with several solvers the name of each is put
-    before the suffix. None writes nothing.
+    output : .png holds the projector's code values, .exr the linear drive. With several solvers, each name is added
+        before the suffix. None writes nothing.
     """
     outputs = {} if output is None else _outputs(output, options.solvers)
     for path in outputs.values():
@@ -232,7 +237,7 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
 
 
 def _uncorrected(path: Path, wanted: FloatArray, radiance: bool, shape: tuple[int, int], white: float) -> FloatArray:
-    """The picture as drive: fitted into the projector's frame, or radiance of the camera's frame stretched over it."""
+    """Return the picture as drive: fitted to the projector, or camera radiance stretched over the projector's frame."""
     if not radiance:
         return read_placed(path, shape)
     return np.asarray(reference.resample(wanted / white, shape, (0, 0, shape[1], shape[0])), np.float64)

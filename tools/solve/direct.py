@@ -1,4 +1,4 @@
-"""Direct mapping: each projector pixel asks one camera pixel, or three (thesis 6.1; SmartProjector, 2005)."""
+"""Direct mapping: each projector pixel uses one camera pixel, or three (thesis 6.1; SmartProjector, 2005)."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from counterlight.tools.transport.transport import CHANNELS, Transport
 
 
 class Direct:
-    """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most; 0 where it lights none."""
+    """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most; 0 if it lights none."""
 
     def __init__(self, T: Transport) -> None:
         alike = np.ones((T.shape[1], len(CHANNELS)))
@@ -21,13 +21,13 @@ class Direct:
 
 
 class Triangulated:
-    """Direct mapping to a fraction of a pixel, between three neighbouring camera pixels; see triangulated.py.
+    """Direct mapping with sub-pixel precision, between three neighbouring camera pixels; see triangulated.py.
 
-    As the player does, it asks for no more light than each camera pixel can have: 0 to T·1.
+    As in the player, the target is limited to 0..T·1, what each camera pixel can have.
     """
 
     def __init__(self, T: Transport) -> None:
-        """ValueError if T does not know how high and wide its pictures are."""
+        """Prepare T; raises ValueError if T does not know its pictures' sizes."""
         if T.camera is None or T.projector is None:
             raise ValueError("T does not know the sizes of camera and projector, expected (height, width) of both")
         self._rows, self._most = triangulated_mapping(T, T.camera, T.projector), T.composition()

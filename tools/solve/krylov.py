@@ -13,13 +13,13 @@ STOPPED_AT_LIMIT = 7
 
 
 class LeastSquares:
-    """min ‖T p − b‖, of minimum norm since it starts from 0; its note says how far it got."""
+    """min ‖T p − b‖, of minimum norm because it starts from 0; its note states steps and residual."""
 
     def __init__(self, T: Channel) -> None:
         self._operator = T.operator
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-        with threadpool_limits(limits=1):  # products of vectors are too small a work for several
+        with threadpool_limits(limits=1):  # products of vectors are too small for several threads
             p, reason, steps, residual, gradient, *_ = lsmr(
                 self._operator, b, atol=TOLERANCE, btol=TOLERANCE, conlim=0, maxiter=MOST_STEPS
             )

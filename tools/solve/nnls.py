@@ -1,9 +1,9 @@
-"""Non-negative least squares, min ‖T p − b‖, p ≥ 0 (thesis 4.2.4), afterwards clamped to what a projector can show.
+"""Non-negative least squares, min ‖T p − b‖, p ≥ 0 (thesis 4.2.4), then clamped to what a projector can show.
 
-Clusters by block principal pivoting (Kim and Park 2011), compiled by Numba: guess which pixels are 0, solve for
-the others, exchange all that contradict the conditions of optimality, and, should that cycle, only the last of them.
-What does not end, or ends inexactly, goes to scipy's active sets (Lawson and Hanson 1974). Too large clusters by
-projected gradient.
+Clusters use block principal pivoting (Kim and Park 2011), compiled by Numba. It guesses which pixels are 0, solves for
+the others, and exchanges all that violate the optimality conditions; if this cycles, only the last of them. Blocks that
+do not converge, or converge inexactly, are solved by scipy's active sets (Lawson and Hanson 1974). Clusters that are
+too large use projected gradient.
 """
 
 from functools import partial
@@ -17,17 +17,17 @@ from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.clusterwise import Clusterwise
 
-FULL_EXCHANGES = 3  # without progress, before single ones
+FULL_EXCHANGES = 3  # full exchanges without progress, before single exchanges
 MOST_ROUNDS = 100
-RIDGE = 1e-14  # of the largest diagonal value: a singular system gets an answer, which refinement then corrects
+RIDGE = 1e-14  # of the largest diagonal value; makes singular systems solvable, and refinement corrects the result
 REFINEMENTS = 2
 TINY = np.finfo(float).tiny
-EXACT = 0.01  # of the slack below: no refinement is needed
-TOLERANCE = 1e-9  # of ‖T_j‖ ‖b‖, for the conditions of optimality
+EXACT = 0.01  # of the slack below; no further refinement is then needed
+TOLERANCE = 1e-9  # of ‖T_j‖ ‖b‖, for the optimality conditions
 
 
 def nnls(T: Channel) -> Clusterwise:
-    """The non-negative optimum, per cluster where there are clusters."""
+    """Return the solver for the non-negative optimum, per cluster if T has clusters."""
     return Clusterwise(
         T, lambda blocks: partial(_pivoted, blocks), "went to Lawson and Hanson's active sets", _ByProjectedGradient
     )
@@ -43,7 +43,7 @@ class _ByProjectedGradient:
 
 
 def _pivoted(blocks: FloatArray, targets: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Blocks (k, m, n), b (k, m) -> p (k, n), and whether a block went to scipy (k,)."""
+    """Solve blocks (k, m, n) for b (k, m): returns p (k, n), and whether a block was solved by scipy, (k,)."""
     size = np.linalg.norm(blocks, axis=1) * np.linalg.norm(targets, axis=1)[:, None]
     adjoint = np.swapaxes(blocks, 1, 2)
     product = (adjoint @ targets[..., None])[..., 0]
@@ -57,16 +57,17 @@ def _pivoted(blocks: FloatArray, targets: FloatArray) -> tuple[FloatArray, BoolA
     return p, failed
 
 
-# Loops, not numpy's functions of arrays and LAPACK: Numba takes 13 s to compile those, 2 s for loops.
+# Explicit loops instead of numpy's array functions and LAPACK: Numba takes 13 s to compile those, 2 s for loops.
 
 
 @kept(nogil=True)
 def _exchange(
     blocks: FloatArray, targets: FloatArray, gram: FloatArray, product: FloatArray, slack: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """p and which pixels are free, (k, n) each, after the exchanges; optimal if they came to rest.
+    """Return p and the free pixels, (k, n) each, after the exchanges; optimal if they converged.
 
-    gram : TᵀT, (k, n, n).  product : Tᵀb, (k, n).
+    gram : TᵀT, (k, n, n).
+    product : Tᵀb, (k, n).
     """
     count, n = slack.shape
     p, free = np.zeros((count, n)), np.zeros((count, n), np.bool_)
@@ -102,7 +103,7 @@ def _exchange(
 def _mark_wrong(
     gram: FloatArray, product: FloatArray, slack: FloatArray, free: BoolArray, p: FloatArray, wrong: BoolArray
 ) -> tuple[int, int]:
-    """Fills `wrong` with the pixels that contradict the conditions of optimality; their number, and the last."""
+    """Mark the pixels that violate the optimality conditions in `wrong`; returns their number, and the last one."""
     number, last = 0, -1
     for i in range(p.size):
         dual = -product[i]
@@ -116,7 +117,7 @@ def _mark_wrong(
 
 @kept(nogil=True)
 def _descend(block: FloatArray, target: FloatArray, p: FloatArray, descent: FloatArray) -> None:
-    """Fills `descent` with Tᵀ (b − T p)."""
+    """Compute Tᵀ (b − T p) into `descent`."""
     descent[:] = 0.0
     for i in range(block.shape[0]):
         rest = target[i]
@@ -128,7 +129,7 @@ def _descend(block: FloatArray, target: FloatArray, p: FloatArray, descent: Floa
 
 @kept(nogil=True)
 def _solve_free(gram: FloatArray, product: FloatArray, free: BoolArray, p: FloatArray) -> None:
-    """Fills p (n,) with TᵀT p = `product` on the free pixels, 0 on the others."""
+    """Solve TᵀT p = `product` for the free pixels of p (n,); the others become 0."""
     at, count, largest = np.empty(free.size, np.int64), 0, TINY
     for j in range(free.size):
         p[j] = 0.0
@@ -149,7 +150,7 @@ def _solve_free(gram: FloatArray, product: FloatArray, free: BoolArray, p: Float
 
 @kept(nogil=True, error_model="numpy")
 def _solve_symmetric(A: FloatArray, b: FloatArray) -> None:
-    """Replaces b (n,) by A⁻¹ b, A positive definite: L D Lᵀ in the upper half of A (Golub and Van Loan 2013, 4.1)."""
+    """Replace b (n,) by A⁻¹ b for positive definite A: L D Lᵀ in the upper half of A (Golub and Van Loan 2013, 4.1)."""
     n = b.size
     for j in range(n):
         for k in range(j):

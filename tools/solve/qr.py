@@ -10,14 +10,14 @@ from counterlight.tools.solve.svd import FLOAT32_EPS, minimum_norm
 
 
 def qr(T: Channel) -> Clusterwise:
-    """p of each cluster that has full rank by QR or LQ; the others fall back to the SVD, and the note counts them."""
+    """Return a solver by QR or LQ for clusters of full rank. The SVD solves the others; the note counts them."""
     return Clusterwise(T, _full_rank, "are rank-deficient; svd took them")
 
 
 def _full_rank(blocks: FloatArray) -> Blockwise:
-    """The factors of blocks (k, m, n).
+    """Factorise blocks (k, m, n).
 
-    R of a factorisation without pivoting shows a column that depends on those before it as a small diagonal value.
+    In R without pivoting, a column that depends on earlier columns shows as a small diagonal value.
     """
     m, n = blocks.shape[1:]
     wide = m < n

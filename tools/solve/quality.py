@@ -1,11 +1,11 @@
-"""How good a picture is in the camera's eyes: RMSE, PSNR, SSIM and CIEDE2000 over the camera pixels that count.
+"""The quality of a picture for the camera: RMSE, PSNR, SSIM and CIEDE2000 over the camera pixels that count.
 
-All compare what the camera sees, c = T p + e through the undecomposed T, with the desired radiance, both divided by the
-room's white level. RMSE and PSNR are of linear radiance. For SSIM and CIEDE2000, which stand for the eye, 0..1 is taken
-as linear light of sRGB's primaries (BT.709, D65), cut to 0..1:
+All figures compare the predicted camera picture, c = T p + e with the undecomposed T, to the desired radiance, both
+divided by the room's white level. RMSE and PSNR use linear radiance. SSIM and CIEDE2000, which model human vision,
+interpret 0..1 as linear light of sRGB's primaries (BT.709, D65), clipped to 0..1:
 
 - SSIM: Wang et al. (2004) with their Gaussian window (σ = 1.5) on sRGB code values 0..1, mean over channels and pixels;
-  outside the mask both pictures are the desired one.
+  outside the mask, both pictures are the desired one.
 - CIEDE2000: Sharma et al. (2005), kL = kC = kH = 1, in CIE Lab under D65 (2° observer), mean over pixels.
 """
 
@@ -21,12 +21,18 @@ from skimage.metrics import structural_similarity
 from counterlight.arrays import FloatArray
 from counterlight.pipeline.content import psnr
 
-SSIM_WINDOW = 11  # pixels that σ = 1.5 reaches, cut at 3.5 σ
+SSIM_WINDOW = 11  # pixels within the reach of σ = 1.5, cut at 3.5 σ
 
 
 @dataclass(frozen=True)
 class Quality:
-    """rmse : relative to white.  psnr : decibels, peak white.  ssim : NaN for views of less than 11 pixels a side."""
+    """Figures of a picture.
+
+    rmse : relative to white.
+    psnr : in dB, peak white.
+    ssim : NaN for views of less than 11 pixels a side.
+    ciede2000 : mean colour difference.
+    """
 
     rmse: float
     psnr: float
@@ -35,7 +41,7 @@ class Quality:
 
 
 def measure(desired: FloatArray, seen: FloatArray, mask: NDArray[np.bool_], white: float) -> Quality:
-    """Compare radiance (camera height, camera width, 3) inside the mask (camera height, camera width)."""
+    """Compare radiance, (camera height, camera width, 3), inside the mask, (camera height, camera width)."""
     wanted, found = desired / white, np.where(mask[..., None], seen, desired) / white
     mean_square = float(np.mean((found - wanted)[mask] ** 2))
     codes = [_srgb(picture) for picture in (wanted, found)]
@@ -68,7 +74,7 @@ def _srgb(linear: FloatArray) -> FloatArray:
 
 
 def _lab(linear: FloatArray) -> FloatArray:
-    """CIE Lab of linear sRGB (n, 3)."""
+    """Convert linear sRGB (n, 3) to CIE Lab."""
     space = _colour().RGB_COLOURSPACES["sRGB"]
     xyz = np.clip(linear, 0, 1) @ space.matrix_RGB_to_XYZ.T
     return np.asarray(_colour().XYZ_to_Lab(xyz, space.whitepoint))
@@ -76,8 +82,8 @@ def _lab(linear: FloatArray) -> FloatArray:
 
 @cache
 def _colour() -> ModuleType:
-    """colour-science, whose import takes a second: commands that measure nothing, or are refused, start without it."""
-    with warnings.catch_warnings(record=True):  # it says that matplotlib is not there, and resets filters that hush it
+    """Import colour-science on first use: its import takes a second, which commands without figures save."""
+    with warnings.catch_warnings(record=True):  # the import warns about missing matplotlib, and resets warning filters
         warnings.simplefilter("ignore")
         import colour
     return colour

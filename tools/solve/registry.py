@@ -1,4 +1,4 @@
-"""The solvers by name: `prepare(name, T)` does once what does not depend on the picture, `solve(b)` the rest."""
+"""The solvers by name: `prepare(name, T)` does what does not depend on the picture, `solve(b)` the rest."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ from counterlight.tools.transport.transport import CHANNELS, Transport
 
 
 class ChannelByChannel:
-    """A solver of one channel at a time; notes get the channel's name."""
+    """A solver of one channel at a time; notes are prefixed with the channel's name."""
 
     def __init__(self, T: Transport, prepare: Callable[[Channel], ChannelSolver]) -> None:
         self._solvers = [prepare(Channel.of(T, i)) for i in range(len(CHANNELS))]
@@ -37,7 +37,8 @@ SOLVERS: dict[str, Callable[[Transport], Solver]] = {
     "nnls": lambda T: ChannelByChannel(T, nnls),
     "box": Box,
 }
-OF_PICTURES: dict[str, Callable[[Transport], Solver]] = {"triangulated": Triangulated}  # T knows its pictures' sizes
+# T must know its pictures' sizes
+OF_PICTURES: dict[str, Callable[[Transport], Solver]] = {"triangulated": Triangulated}
 
 
 class Prepared:
@@ -50,9 +51,11 @@ class Prepared:
         self._solver = (SOLVERS | OF_PICTURES)[name](self.T) if weighed is None else Box(weighed)
 
     def solve(self, b: NDArray[np.floating]) -> Solution:
-        """min ‖T p − b‖² over the camera pixels that count.
+        """Solve min ‖T p − b‖² over the camera pixels that count.
 
-        b : c − e, (camera pixels, 3) or (camera height, camera width, 3).  Raises NonFiniteError.
+        b : c − e, (camera pixels, 3) or (camera height, camera width, 3).
+
+        Raises NonFiniteError.
         """
         b = np.array(b, np.float64).reshape(-1, len(CHANNELS))
         if b.shape[0] != self.T.shape[0]:
@@ -66,10 +69,11 @@ class Prepared:
 def prepare(
     name: str, T: Transport, mask: NDArray[np.bool_] | None = None, objective: Objective | None = None
 ) -> Prepared:
-    """One of SOLVERS or OF_PICTURES, factorised for one T; KeyError for another name.
+    """Factorise one T for one of SOLVERS or OF_PICTURES; raises KeyError for another name.
 
-    mask : (camera height, camera width) or (camera pixels,), which camera pixels count; None for all.
+    mask : (camera height, camera width) or (camera pixels,). Camera pixels that count; None for all.
     objective : what the box minimises, as the player does; None for ½‖T p − b‖², as the others do.
-    Raises NonFiniteError, naming the cluster, if T is not finite in float32.
+
+    Raises NonFiniteError, with the cluster, if T is not finite in float32.
     """
     return Prepared(name, T, mask, objective)

@@ -1,4 +1,4 @@
-"""What every solver returns, and what a solver is: expensive once for a T, cheap for each picture."""
+"""The result of every solver, and the interface of solvers: expensive once per T, cheap per picture."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,8 +12,8 @@ from counterlight.arrays import FloatArray
 class Solution:
     """A projector picture.
 
-    unclamped : (projector pixels, 3), what the method says.
-    notes : what a user should know about how it came about, one sentence each.
+    unclamped : (projector pixels, 3). The method's result.
+    notes : information for the user about the solution, one sentence each.
     """
 
     unclamped: FloatArray
@@ -21,19 +21,19 @@ class Solution:
 
     @property
     def drive(self) -> FloatArray:
-        """(projector pixels, 3), what a projector can show: clamped to 0..1."""
+        """The displayable drive, (projector pixels, 3): clamped to 0..1."""
         return np.clip(self.unclamped, 0.0, 1.0)
 
 
 class Solver(Protocol):
-    """A method made ready for one T."""
+    """A method prepared for one T."""
 
     def solve(self, b: FloatArray) -> Solution:
-        """min ‖T p − b‖²; b : (camera pixels, 3), 0 where T has no row."""
+        """Solve min ‖T p − b‖². b : (camera pixels, 3), 0 where T has no row."""
 
 
 class ChannelSolver(Protocol):
-    """A method made ready for one channel of T."""
+    """A method prepared for one channel of T."""
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-        """p (projector pixels,) for b (camera pixels,), and notes."""
+        """Return p, (projector pixels,), for b, (camera pixels,), and notes."""

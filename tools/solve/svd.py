@@ -11,12 +11,12 @@ FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32: singula
 
 
 def svd(T: Channel) -> Clusterwise:
-    """p = V Σ⁺ Uᵀ b per cluster, singular values below σ₁ · max(m, n) · 2⁻²³ left out."""
+    """Return a solver with p = V Σ⁺ Uᵀ b per cluster, without singular values below σ₁ · max(m, n) · 2⁻²³."""
     return Clusterwise(T, minimum_norm, "are rank-deficient (their least squares of minimum norm is taken)")
 
 
 def minimum_norm(blocks: FloatArray) -> Blockwise:
-    """The factors of blocks (k, m, n); special are those of which singular values were left out."""
+    """Factorise blocks (k, m, n). A block is special if singular values were left out."""
     U, sigma, Vt = np.linalg.svd(blocks, full_matrices=False)
     kept = sigma > sigma[:, :1] * FLOAT32_EPS * max(blocks.shape[1:])
 

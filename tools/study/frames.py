@@ -1,4 +1,4 @@
-"""What a frame costs in the player: one picture as radiance, by the backend that users get on this machine."""
+"""Cost of a frame in the player: one picture as radiance, by the backend that users get on this machine."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -22,25 +22,28 @@ REPEATS, ENOUGH_S = 15, 0.1
 
 @cache
 def graphics() -> str:
-    """The name of this machine's OpenGL renderer; InputError with the fix if there is none."""
+    """Returns the name of this machine's OpenGL renderer. Raises InputError with the fix if there is none."""
     return str(probe_opengl()["renderer"])
 
 
 def in_software() -> bool:
-    """OpenGL runs on the processor: its milliseconds are then of processor time, which other load hardly changes."""
+    """Returns whether OpenGL runs on the processor. Frame times are then processor time."""
     return context.in_software(graphics())
 
 
 @contextmanager
 def player(backend: str, room: Room) -> Iterator["Player"]:
-    """The player's renderer without a window, "gl" or "cpu"."""
-    graphics()  # makes a context of its own, which must not come between the renderer and its own
+    """Open the player's renderer, "gl" or "cpu", without a window."""
+    graphics()  # Makes a context of its own, before the renderer makes its context.
     with headless_renderer(backend, room) as renderer:
         yield Player(renderer, room.maps.mixing)
 
 
 class Player:
-    """Renders pictures of light of one size as the player would.  mixing : of the room's primaries."""
+    """Renders pictures of one size as the player would.
+
+    mixing : of the room's primaries.
+    """
 
     def __init__(self, renderer: Renderer, mixing: Mixing) -> None:
         self._renderer, self._mixing = renderer, mixing
@@ -48,9 +51,9 @@ class Player:
         self._render: Callable[[], None] = lambda: None
 
     def show(self, desired: FloatArray, *, compensate: bool, steps: int) -> FloatArray:
-        """The drive for desired light, (camera height, camera width, 3), in screen primaries.
+        """Returns the drive for a desired picture, (projector pixels, 3), before encoding.
 
-        Returns (projector pixels, 3), before encoding.
+        desired : (camera height, camera width, 3), in screen primaries.
         """
         frame = radiance_frame(np.asarray(self._mixing.as_radiance(desired), np.float64))
         if not self._open:
@@ -62,9 +65,10 @@ class Player:
         return np.asarray(self._renderer.linear(), np.float64).reshape(-1, 3)
 
     def frame_s(self) -> float:
-        """Seconds to render the picture shown last once more, up to the encoded drive.
+        """Returns the seconds to render the last picture once more, up to the encoded drive.
 
-        On a GPU the median of several times; in software processor time, all cores together, the mean of many.
+        A GPU gives the median of several wall-clock times. Software rendering gives the mean processor time over all
+        cores.
         """
         self._frame()
         if in_software():
@@ -82,9 +86,9 @@ class Player:
 
 
 class Bench:
-    """A room's maps in the player, kept while methods share them; close() at the end.
+    """A room's maps in the player, kept while methods share them. Call close() at the end.
 
-    room : maps, and where refinement starts.
+    room : maps, and the start of refinement.
     """
 
     def __init__(self, room: Room) -> None:
@@ -93,7 +97,7 @@ class Bench:
 
     @cached_property
     def T_pinv(self) -> Compensation:  # noqa: N802 - as the thesis calls it
-        """What the player asks for before the clamp."""
+        """The drive that the player computes before the clamp."""
         return compensation(self._room.maps)
 
     def close(self) -> None:
@@ -101,7 +105,7 @@ class Bench:
 
 
 def repeated_s(work: Callable[[], object]) -> float:
-    """Mean processor seconds of as many runs as fill a tenth of a second: the clock is too coarse for one."""
+    """Returns the mean processor seconds of as many runs as fill 0.1 s; the clock is too coarse for one run."""
     start, count, passed = time.process_time(), 0, 0.0
     while passed < ENOUGH_S:
         work()

@@ -1,6 +1,7 @@
-"""A study in jobs, each a room and the methods that share what is made for them: done here, or by other processes.
+"""A study in jobs, each a room and the methods that share its maps; jobs run here or in other processes.
 
-A process that does several jobs of a room opens it once. What a job finds does not depend on who does it, times apart.
+A process that does several jobs of a room opens it once. The result of a job does not depend on the process, except
+for times.
 """
 
 import io
@@ -27,18 +28,20 @@ from counterlight.tools.study.questions.place import Place
 from counterlight.tools.study.rooms import open_room
 from counterlight.tools.study.table_6_1 import OurRow, measure_at_thesis_size, scenes_of_the_table
 
-ASKED_PICTURES = 3  # of the study's, in the user's own room
+ASKED_PICTURES = 3  # number of the study's pictures for questions about the user's own room
 T = TypeVar("T")
-_opened: "dict[RoomSource, Trial]" = {}  # the last one
-_alone = Lock()  # of a worker's threads: a room keeps the maps made last, and OpenGL is one thread's
+_opened: "dict[RoomSource, Trial]" = {}  # the room opened last
+_alone = Lock()  # one job per process at a time: a room keeps the maps made last, and OpenGL belongs to one thread
 
 
 @dataclass(frozen=True)
 class RoomSource:
-    """Where a process finds a room, and what is shown there.
+    """The room that a process opens, and the pictures shown there.
 
-    place, size, colour : as open_room takes them.  pictures : names by pictures.anywhere.  opengl : what times frames.
-    run : no other run's, so that no process takes a room that it has opened for one that has changed meanwhile.
+    place, size, colour : arguments of open_room.
+    pictures : names, made absolute by pictures.anywhere.
+    opengl : renderer that times frames.
+    run : unique per run, so that a process never reuses a room that has changed meanwhile.
     """
 
     place: Path
@@ -53,9 +56,9 @@ Job = tuple[RoomSource, Callable[[], RoomFigures]]
 
 
 def study_rooms(sources: Sequence[RoomSource], patience_s: float, workers: Workers) -> list[RoomFigures]:
-    """Every method in every room, what is asked of one's own, and knobs.
+    """Run every method in every room, the questions about the user's own room, and the knobs.
 
-    patience_s : knobs that invert the uncut transport once more are turned only where that took at most so long.
+    patience_s : knobs that invert the uncut transport once more are skipped in rooms where one inversion took longer.
     """
     jobs = [(source, partial(_ask, source)) for source in sources if source.place.is_dir()]
     found = _gathered([*_methods(sources, catalogue()), *jobs], workers, "methods")
@@ -71,13 +74,16 @@ def study_rooms(sources: Sequence[RoomSource], patience_s: float, workers: Worke
 
 
 def thesis_rows(picture: str, workers: Workers) -> list[OurRow]:
-    """The scenes of Table 6.1 at the sizes of the thesis.  picture : by name."""
+    """Returns the scenes of Table 6.1, measured at the sizes of the thesis.
+
+    picture : name of the picture.
+    """
     jobs = [partial(measure_at_thesis_size, scene, picture) for scene in scenes_of_the_table()]
     return _in_order(jobs, workers, "Table 6.1")
 
 
 def files_of(places: Sequence[Path], pictures: Sequence[str]) -> list[Path]:
-    """What every process has to see: scenes, what vouches for a calibration's files, pictures."""
+    """Returns the files that every process must see: scenes, calibration.toml of calibrations, pictures."""
     rooms = [place / TOML if place.is_dir() else place for place in places]
     return rooms + [Path(name) for name in pictures if name not in BUILT_IN]
 
@@ -88,7 +94,7 @@ def _methods(sources: Sequence[RoomSource], methods: Sequence[Method]) -> list[J
 
 
 def _gathered(jobs: Sequence[Job], workers: Workers, what: str) -> Mapping[RoomSource, RoomFigures]:
-    """What all jobs of a room found, in their order."""
+    """Run all jobs and join the figures of each room, in the order of the jobs."""
     rooms = dict.fromkeys(source.place.stem for source, _ in jobs)
     parts = _in_order([job for _, job in jobs], workers, f"{', '.join(rooms)}: {what}")
     found: dict[RoomSource, RoomFigures] = {}
@@ -107,7 +113,7 @@ def _in_order(jobs: Sequence[Callable[[], T]], workers: Workers, what: str) -> l
 
 
 def _quietly(job: Callable[[], T]) -> T:
-    """Without progress on a terminal where others report theirs."""
+    """Run a job without progress output, which the calling process prints."""
     with redirect_stderr(io.StringIO()):
         return job()
 
@@ -120,7 +126,7 @@ def _try(source: RoomSource, methods: Sequence[Method]) -> RoomFigures:
 
 
 def _ask(source: RoomSource) -> RoomFigures:
-    """What is asked of one's own room."""
+    """Answer the questions about the user's own room."""
     with _alone:
         trial = _trial(source)
         room, found = trial.room, trial.of(())
@@ -131,7 +137,7 @@ def _ask(source: RoomSource) -> RoomFigures:
 
 
 def _trial(source: RoomSource) -> Trial:
-    """The room, opened; InputError where frames are not timed on what the other figures' are."""
+    """Returns the opened room. Raises InputError if this process renders frames with another OpenGL than the study."""
     if source not in _opened:
         if graphics() != source.opengl:
             raise InputError(

@@ -24,11 +24,11 @@ SHOWN = ("uncompensated", "direct", THESIS_LABEL, OURS_LABEL, NNLS_LABEL)
 
 @dataclass
 class RoomFigures:
-    """What was found in a room.
+    """The figures of a room.
 
-    seen : by picture and method, radiance over white, (camera height, camera width, 3), for the first pictures and the
-    methods of SHOWN; "desired" is among them.
-    tried : what was asked of the user's own room, None for any other.
+    seen : radiance over white by picture and method, (camera height, camera width, 3), for the first pictures and the
+        methods of SHOWN; "desired" is among them.
+    tried : answers about the user's own room; None for other rooms.
     """
 
     name: str
@@ -40,7 +40,7 @@ class RoomFigures:
     tried: Tried | None = None
 
     def take(self, more: "RoomFigures") -> None:
-        """Add what other methods gave in this room."""
+        """Add the figures of other methods in this room."""
         self.rows += more.rows
         self.skipped += more.skipped
         self.tried = self.tried or more.tried
@@ -48,7 +48,7 @@ class RoomFigures:
             self.seen.setdefault(picture, {}).update(by_method)
 
     def refuses(self, patience_s: float) -> str:
-        """Why knobs that invert the uncut transport once more are not turned here: it failed, or took longer; or ""."""
+        """Returns the reason to skip knobs that invert the uncut transport once more: an error, the time, or ""."""
         failed = next((entry.reason for entry in self.skipped if entry.method == UNCUT_LABEL), "")
         if failed:
             return failed
@@ -62,7 +62,7 @@ class RoomFigures:
 
 
 class Trial:
-    """A room in which methods are tried on pictures, whose best drives are kept."""
+    """A room in which methods are tried on pictures. The best drive of each picture is kept."""
 
     def __init__(self, room: StudyRoom, pictures: Sequence[Picture]) -> None:
         self.room, self._tasks = room, [Task(room, picture) for picture in pictures]
@@ -92,7 +92,7 @@ def study_room(room: StudyRoom, pictures: Sequence[Picture], methods: Sequence[M
 
 
 def _rows(method: Method, ready: Prepared, tasks: Sequence[Task]) -> Iterator[tuple[Row, FloatArray]]:
-    """The time of a frame is the first picture's; each picture has its own time of a solver."""
+    """Yield a row and the seen picture per task. Frame time is measured once, solver time per picture."""
     frame_s: float | None = None
     for index, task in enumerate(tasks):
         driven = ready.drive(task)

@@ -1,6 +1,6 @@
-"""Every way to get a drive, each a small object: a family, a knob and its value, how to prepare it, how to drive.
+"""Methods that compute a drive, each a small object: family, knob and value, how to prepare it, and how to drive.
 
-A new method is a new object in `catalogue`: everything else, figures, plots and advice, follows from it.
+To add a method, add an object to `catalogue`: figures, plots and advice follow from it.
 """
 
 from collections.abc import Callable, Hashable
@@ -23,12 +23,12 @@ from counterlight.tools.solve.registry import SOLVERS
 from counterlight.tools.study.frames import Bench
 from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds
 
-NNLS_STEPS = 200  # where clusters are too large to pivot; only drives far above 1, clamped anyway, need more
+NNLS_STEPS = 200  # steps for clusters too large to pivot; only drives far above 1, clamped anyway, need more
 STEPS = (1, 2, 4, 8, 16, 32, 64)
 DIRECT_STEPS = (4, 16, 64)
 CUT_STEPS = (1, 4, 16, 64)
 MAX_CLUSTERS = (50, 200, 1000)
-MAX_ERRORS = (2.0, 8.0, 32.0)  # beside the default
+MAX_ERRORS = (2.0, 8.0, 32.0)  # besides the default
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
 UNCUT = "T⁺"
 DEFAULTS = InverseOptions(inverse="whole")
@@ -37,9 +37,11 @@ THESIS = InverseOptions(inverse="thesis")  # clusters of at most 200
 
 @dataclass(frozen=True)
 class Drive:
-    """drive : (projector pixels, 3), 0..1.  clipped : share of the lit values that were asked for beyond.
+    """The drive of a method for one picture.
 
-    any_exposure : the camera is exposed so that the picture is as close as it can be.
+    drive : (projector pixels, 3), 0..1.
+    clipped : share of the lit values that the method wanted outside 0..1.
+    any_exposure : whether the camera's exposure is chosen for the least error.
     """
 
     drive: FloatArray
@@ -51,10 +53,12 @@ class Drive:
 class Prepared:
     """A method ready for pictures.
 
-    preparation_s : processor seconds.  map_bytes : of all row maps that a frame reads, None without any.
-    bound : certified change of a pixel's drive by what was left out of the map or rounded, None without a map.
-    drive : a task's drive.  cpu_s : processor seconds of a solver for a task's picture, None of what the player does.
-    frame_s : seconds of a frame in the player for the picture driven last, None of a solver.
+    preparation_s : processor seconds.
+    map_bytes : of all row maps that a frame reads; None without maps.
+    bound : certified change of a pixel's drive by truncation and rounding of the map; None without a map.
+    drive : returns a task's drive.
+    cpu_s : returns a solver's processor seconds for a task's picture; None for methods of the player.
+    frame_s : returns the player's seconds per frame for the picture driven last; None for a solver.
     """
 
     preparation_s: float
@@ -66,9 +70,11 @@ class Prepared:
 
 
 class Method(Protocol):
-    """family, knob, value : where it stands in the plots.  command : how a user gets it.
+    """A way to compute drives.
 
-    made : what is made for it before a picture comes, and serves those that follow with the same.
+    family, knob, value : position in the plots.
+    command : the commands that give a user the same.
+    made : key of the prepared data; methods with the same key share it.
     """
 
     @property
@@ -83,7 +89,7 @@ class Method(Protocol):
     def made(self) -> Hashable: ...
 
     def prepare(self, room: StudyRoom) -> Prepared:
-        """InputError in one line if the room is not for it."""
+        """Raises InputError, in one line, if the method does not suit the room."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,7 @@ class Uncompensated:
         player = _direct_bench(room, DIRECT.family, room.direct[0]).player
 
         def drive(task: Task) -> Drive:
-            player.show(task.desired, compensate=False, steps=0)  # for its time
+            player.show(task.desired, compensate=False, steps=0)  # only for its time
             return Drive(task.plain, 0.0, any_exposure=True)
 
         return Prepared(0.0, None, None, drive, lambda task: None, player.frame_s)
@@ -108,7 +114,7 @@ class Uncompensated:
 
 @dataclass(frozen=True)
 class Direct:
-    """Direct mapping (thesis 6.1): a map of one entry a pixel, or, if `triangulated`, of three."""
+    """Direct mapping (thesis 6.1): a map with one entry per pixel, or with three if `triangulated`."""
 
     family: str = "direct"
     triangulated: bool = False
@@ -127,9 +133,9 @@ class Direct:
 
 @dataclass(frozen=True)
 class Map:
-    """The correction map of counterlight build, then steps of refinement by the player.
+    """The correction map of counterlight build, followed by steps of refinement in the player.
 
-    start : where refinement begins.
+    start : of refinement, "map" or "direct".
     """
 
     family: str
@@ -175,7 +181,7 @@ class Map:
 
 @dataclass(frozen=True)
 class Solver:
-    """One picture at a time on the CPU (thesis 4.2.4), through the undecomposed T."""
+    """One picture at a time on the CPU (thesis 4.2.4), with the undecomposed T."""
 
     name: str
     family: str
@@ -218,7 +224,7 @@ PLAIN = Map("T⁺ of the thesis", "max-cluster", THESIS.largest, THESIS)
 
 
 def catalogue() -> list[Method]:
-    """Every method that inverts the uncut transport at most once; those that share a map follow each other."""
+    """Returns all methods that invert the uncut transport at most once; methods that share a map are neighbours."""
     methods: list[Method] = [Solver("box", "box optimum"), Solver("nnls", "NNLS"), Uncompensated()]
     methods += [DIRECT, TRIANGULATED, Map(UNCUT, "max-error", DEFAULTS.max_error)]
     methods += [replace(OURS, value=steps, steps=steps) for steps in STEPS]
@@ -231,7 +237,7 @@ def catalogue() -> list[Method]:
 
 
 def uncut_knobs() -> list[Method]:
-    """The knobs of the uncut inverse, each of which inverts it once more, and of the thesis' cut of an uncut T."""
+    """Returns the knobs that invert the uncut transport once more each, and the thesis' cut of T at other sizes."""
     methods: list[Method] = [
         Map(UNCUT, "max-error", error, InverseOptions(max_error=error, inverse="whole")) for error in MAX_ERRORS
     ]
@@ -243,7 +249,7 @@ def uncut_knobs() -> list[Method]:
 
 
 def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:
-    """Of the row maps that a frame reads."""
+    """Returns the bytes of the row maps that a frame reads."""
     read = {"direct"} if steps and start == "direct" else {".", "undo_gather", "undo_mix"}
     if maps.undo is not None:
         read |= {"far_scatter"}
@@ -254,7 +260,7 @@ def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:
 
 
 def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: float | None) -> Prepared:
-    """What runs in the player, compensating with so many steps."""
+    """Returns a method of the player that compensates with `steps` steps."""
 
     def drive(task: Task) -> Drive:
         found = bench.player.show(task.desired, compensate=True, steps=steps)
@@ -264,5 +270,5 @@ def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: 
 
 
 def _direct_bench(room: StudyRoom, family: str, mapped: RowMap) -> Bench:
-    """Direct mapping in place of T⁺: it divides by all light, so none is taken out before."""
+    """Returns a bench of direct mapping, which divides by all light, so that no light is subtracted before."""
     return room.bench(family, lambda: room.asking_for_all(mapped), "map")

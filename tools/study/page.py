@@ -1,4 +1,4 @@
-"""The report: which figures stand where, what to look for in each, and what follows from them."""
+"""The study's report: the order of figures, their captions, and the recommendations."""
 
 from collections.abc import Sequence
 from html import escape
@@ -31,9 +31,10 @@ def study_page(
     table: Sequence[OurRow],
     asked: Sequence[Asked] = (),
 ) -> str:
-    """The whole document, the answers of the user's own rooms first.
+    """Returns the whole document; answers about the user's own rooms come first.
 
-    averages : methods used in every room.  files : pictures by what they show.
+    averages : means of the methods used in every room.
+    files : file names of pictures by content.
     """
     rooms = list(dict.fromkeys(row.room for row in rows))
     pictures = list(dict.fromkeys(row.picture for row in rows))
@@ -133,7 +134,7 @@ def _table_6_1(ours: Sequence[OurRow]) -> Section:
 
 
 def _tables(rooms: Sequence[str], rows: Sequence[Row], facts: dict[str, Any]) -> Section:
-    """Every figure of the first picture; all of them are in results.csv."""
+    """Returns every figure of the first picture; results.csv holds the figures of all pictures."""
     parts = []
     for room in rooms:
         here = [row for row in rows if row.room == room]

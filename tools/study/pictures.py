@@ -1,4 +1,4 @@
-"""What is shown in a study: five pictures that stand for what people project, or the user's own files."""
+"""The pictures of a study: built-in pictures that represent projected content, or the user's own files."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -23,9 +23,9 @@ from counterlight.tools.shipped import CLIP
 Shape = tuple[int, int]
 CLIP_SIZE = (720, 1280)
 FILM_FROM_S = 1.0
-FACE = 0.05  # of what a wide frame cuts off the photograph goes at the top
+FACE = 0.05  # share of the cropped rows that are cropped at the top of the photograph
 DARK = 1 / 8  # three stops
-PAPER, INK = 0.02, 0.9  # of white, linear: light letters on a dark ground
+PAPER, INK = 0.02, 0.9  # share of white, linear: light letters on dark ground
 LETTERING = "Light is the first of painters. There is no object so foul that intense light will not make beautiful."
 LINES_A_PAGE = 6
 OVERSAMPLING = 8
@@ -33,19 +33,19 @@ OVERSAMPLING = 8
 
 @dataclass(frozen=True)
 class Picture:
-    """A name, and the picture at any size: at((height, width)) is (height, width, 3), linear, 0..1."""
+    """A named picture at any size: at((height, width)) returns (height, width, 3), linear, 0..1."""
 
     name: str
     at: Callable[[Shape], FloatArray]
 
 
 def find_pictures(names: Sequence[str]) -> list[Picture]:
-    """Built-in pictures by name, others as files; InputError for what is neither, before the work begins."""
+    """Returns built-in pictures by name, and others from files. Raises InputError for unknown names."""
     return [Picture(name, BUILT_IN[name]) if name in BUILT_IN else _from_file(name) for name in names]
 
 
 def film_frames(count: int) -> list[Picture]:
-    """So many frames of the shipped clip, one after another, of one shot."""
+    """Returns `count` consecutive frames of one shot of the shipped clip."""
     lights = _film_lights(count)
     return [Picture(f"frame {number}", partial(_filled, light)) for number, light in enumerate(lights, 1)]
 
@@ -63,7 +63,7 @@ def _film_lights(count: int) -> list[FloatArray]:
 
 
 def anywhere(names: Sequence[str]) -> tuple[str, ...]:
-    """The same names, which mean the same pictures in whatever folder they are read."""
+    """Returns the names with absolute paths, so that they mean the same pictures in any folder."""
     return tuple(name if name in BUILT_IN else os.path.abspath(name) for name in names)
 
 
@@ -73,12 +73,12 @@ def _from_file(name: str) -> Picture:
         raise InputError(f"--pictures {name}: no such file, and none of the built-in {', '.join(BUILT_IN)}")
     if path.suffix.lower() == ".exr":
         raise InputError(f"{path}: OpenEXR is radiance of one room, a study shows its pictures in many; save it as PNG")
-    read_placed(path, (16, 16))  # refuses what cannot be read
+    read_placed(path, (16, 16))  # refuses unreadable files early
     return Picture(path.stem, lambda shape: read_placed(path, shape))
 
 
 def _photograph(shape: Shape) -> FloatArray:
-    """Eileen Collins by NASA, in the public domain; comes with scikit-image."""
+    """Eileen Collins by NASA, in the public domain; the picture comes with scikit-image."""
     return _filled(_photograph_light(), shape, from_top=FACE)
 
 
@@ -102,7 +102,7 @@ def _film_light() -> FloatArray:
 
 
 def _text(shape: Shape) -> FloatArray:
-    """Lines of lettering, drawn large and averaged down."""
+    """Returns lines of text, drawn large and averaged down."""
     height, width = (OVERSAMPLING * side for side in shape)
     step = height // LINES_A_PAGE
     page = np.zeros((height, width), np.uint8)
@@ -124,7 +124,7 @@ def _text(shape: Shape) -> FloatArray:
 
 
 def _gradient(shape: Shape) -> FloatArray:
-    """Black to white from left to right; warm at the top, cold at the bottom."""
+    """Returns black to white from left to right; warm at the top, cold at the bottom."""
     height, width = shape
     ramp = ((np.arange(width) + 0.5) / width)[None, :, None]
     cold = ((np.arange(height) + 0.5) / height)[:, None, None]
@@ -136,9 +136,9 @@ def _white(shape: Shape) -> FloatArray:
 
 
 def _filled(linear: FloatArray, shape: Shape, from_top: float = 0.5) -> FloatArray:
-    """Cut to the aspect of a frame and averaged down, or interpolated up, to it.
+    """Crop a picture to the aspect ratio of a shape and resize it: averaged down, or interpolated up.
 
-    from_top : share of what is cut off that goes at the top.
+    from_top : share of the cropped rows that are cropped at the top.
     """
     height, width = linear.shape[:2]
     scale = min(height / shape[0], width / shape[1])

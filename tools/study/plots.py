@@ -47,7 +47,7 @@ LABEL = 26, 12  # pixels that a label covers
 
 
 def draw_all(folder: Path, rows: Sequence[Row], time_note: str) -> dict[str, str]:
-    """Write every plot; returns file names by what they show."""
+    """Write every plot; returns file names by content."""
     averages = everywhere(rows)
     files = {
         "time": save(
@@ -91,7 +91,7 @@ def _overview(points: Sequence[Mean], cost: Cost, across: str, vertical: float |
 
 
 def _scatter(axes: Axes, points: Sequence[Mean], cost: Cost, *, small: bool = False) -> None:
-    """Methods as marks, families as thin lines, the Pareto front as a staircase; hollow marks are solvers."""
+    """Draw methods as marks, families as thin lines, the Pareto front as a staircase; hollow marks are solvers."""
     for family in dict.fromkeys(point.family for point in points):
         colour, marker = STYLES.get(family, OTHER)
         members = _by_value([point for point in points if point.family == family])
@@ -126,13 +126,13 @@ def _by_value(points: Sequence[Mean]) -> list[Mean]:
 
 
 def _places(points: Sequence[Mean], cost: Cost) -> tuple[list[float], list[float]]:
-    """Where the points with a cost are drawn."""
+    """Returns the coordinates of the points that have a cost."""
     priced = [(price, visible_db(point)) for point in points if (price := cost(point)) is not None]
     return [x for x, _ in priced], [y for _, y in priced]
 
 
 def cost_axis(axes: Axes) -> None:
-    """Logarithmic costs, of what is drawn already; numbers are written out."""
+    """Make the cost axis logarithmic, with plain numbers; call after drawing."""
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     decades = math.log10(high / low)
@@ -141,7 +141,7 @@ def cost_axis(axes: Axes) -> None:
 
 
 def decibel_axis(axes: Axes) -> None:
-    """Logarithmic decibels below the best, from what nobody sees."""
+    """Make the axis of decibels below the best logarithmic, from the invisible difference UNSEEN_DB."""
     axes.set_yscale("log")
     axes.set_ylim(UNSEEN_DB * 0.8, None)
     axes.set_yticks([0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30], ["≤ 0.01", "0.03", "0.1", "0.3", "1", "3", "10", "30"])
@@ -172,7 +172,7 @@ def _by_room(rooms: Sequence[str], rows: Sequence[Row], time_note: str) -> Figur
 
 
 def _knobs(rows: Sequence[Row]) -> Figure:
-    """One plot a knob: each family's mean over the rooms, thick, and every room's, thin."""
+    """Draw one plot per knob: each family's mean over the rooms as a thick line, each room as a thin line."""
     present = [knob for knob in KNOBS if any(row.knob == knob for row in rows)]
     figure, grid = plt.subplots(2, 2, figsize=(11, 8), layout="constrained", squeeze=False)
     for axes, knob in zip(grid.flat, present, strict=False):
@@ -197,7 +197,7 @@ def _knobs(rows: Sequence[Row]) -> Figure:
 
 
 def _where_all(rows: Sequence[Row]) -> list[Mean]:
-    """The means over the rooms in which every value of a knob was tried."""
+    """Returns the means over the rooms in which every value of a knob was tried."""
     values = {row.value for row in rows}
     rooms = dict.fromkeys(row.room for row in rows)
     complete = [room for room in rooms if values == {row.value for row in rows if row.room == room}]
@@ -209,7 +209,7 @@ def _value(point: Mean) -> float | None:
 
 
 def subplots(rows: int, columns: int, shape: tuple[int, int]) -> tuple[Figure, NDArray[Any]]:
-    """A grid for pictures of a shape (height, width); the axes are (rows, columns)."""
+    """Returns a grid of axes (rows, columns) for pictures of a shape (height, width)."""
     width = 2.3
     height = width * shape[0] / shape[1] + 0.35
     size = columns * width, rows * height
@@ -217,8 +217,8 @@ def subplots(rows: int, columns: int, shape: tuple[int, int]) -> tuple[Figure, N
 
 
 def save(path: Path, figure: Figure) -> str:
-    """Write and close; returns the file's name."""
-    picture = BytesIO()  # matplotlib does not notice what the system refuses in the middle of a write
+    """Write and close a figure; returns the file's name."""
+    picture = BytesIO()  # written in one piece, because matplotlib misses write errors of the system
     figure.savefig(picture, dpi=DPI, format="png")
     plt.close(figure)
     path.write_bytes(picture.getvalue())

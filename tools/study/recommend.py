@@ -1,4 +1,4 @@
-"""From figures to advice: three wishes, and the method that grants each on average over the rooms of a study."""
+"""Advice from figures: three wishes, and the method that fulfils each, on average over the rooms of a study."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,12 @@ FRAME_MS = 1000 / 60
 
 @dataclass(frozen=True)
 class Wish:
-    """words : what is wished for.  method : what grants it best, None if nothing that plays does.  why : in figures."""
+    """A user's wish and the method for it.
+
+    words : the wish.
+    method : the best method; None if no method of the player fulfils the wish.
+    why : the figures.
+    """
 
     words: str
     method: Mean | None
@@ -20,7 +25,7 @@ class Wish:
 
 
 def wishes(points: Sequence[Mean]) -> list[Wish]:
-    """Fastest within CLOSE_DB of the optimum, best at 60 frames a second, best at any price.
+    """Returns three wishes: fastest within CLOSE_DB of the optimum, best at 60 frames per second, best at any price.
 
     points : methods that were used in every room.
     """

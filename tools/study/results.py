@@ -19,11 +19,14 @@ UNSEEN_DB = 0.01
 class Row:
     """One picture by one method in one room; None where a figure does not exist.
 
-    rmse, psnr_db, ssim, ciede2000 : as tools/solve/quality.py says.  clipped : share of the projector's lit values.
-    below_optimum_db : decibels of PSNR to the box optimum; certified_db : that it can be at most, by the gradient.
+    rmse, psnr_db, ssim, ciede2000 : defined in tools/solve/quality.py.
+    clipped : share of the projector's lit values.
+    below_optimum_db : decibels of PSNR below the box optimum.
+    certified_db : upper bound of below_optimum_db, from the gradient.
     bound_codes : certified change of a drive by truncation or rounding, in 8-bit code values of linear drive.
-    preparation_s : processor seconds to prepare the room.  cpu_s : of a solver for the picture.
-    frame_ms : in the player: by OpenGL on a GPU, else by compiled passes, whose processor time it is.
+    preparation_s : processor seconds to prepare the room.
+    cpu_s : processor seconds of a solver for the picture.
+    frame_ms : in the player; wall-clock time on a GPU, processor time in software.
     map_mib : of all maps that a frame reads.
     """
 
@@ -58,7 +61,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A method that a room is not for, and why."""
+    """Method that was skipped for this room, with the reason."""
 
     room: str
     method: str
@@ -67,9 +70,10 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Mean:
-    """A method over pictures, and over rooms: decibels and CIEDE2000 are averaged, costs geometrically.
+    """A method averaged over pictures and rooms: decibels and CIEDE2000 arithmetically, costs geometrically.
 
-    worst : the highest mean of a room.  rooms : how many it could be used in.
+    worst_db : the highest mean of a room.
+    rooms : number of rooms in which the method was used.
     """
 
     label: str
@@ -92,7 +96,7 @@ def label(family: str, knob: str, value: float | None) -> str:
 
 
 def means(rows: Iterable[Row]) -> list[Mean]:
-    """One Mean per method, in the order of the rows."""
+    """Returns one Mean per method, in the order of the rows."""
     grouped: dict[str, list[Row]] = {}
     for row in rows:
         grouped.setdefault(row.label, []).append(row)
@@ -100,7 +104,7 @@ def means(rows: Iterable[Row]) -> list[Mean]:
 
 
 def everywhere(rows: Sequence[Row]) -> list[Mean]:
-    """The means of those methods that were used in every room, and so can be compared."""
+    """Returns the means of the methods that were used in every room, which are comparable."""
     rooms = len({row.room for row in rows})
     return [point for point in means(rows) if point.rooms == rooms]
 
@@ -127,13 +131,16 @@ def _mean(name: str, rows: list[Row]) -> Mean:
 
 
 def geometric(values: Sequence[float | None]) -> float | None:
-    """The geometric mean of what is known and above 0: doubling in one room and halving in another cancel."""
+    """Returns the geometric mean of the known positive values: doubling in one room and halving in another cancel."""
     known = [value for value in values if value is not None and value > 0]
     return float(np.exp(np.mean(np.log(known)))) if known else None
 
 
 def pareto(points: Sequence[Mean], cost: Callable[[Mean], float | None]) -> list[Mean]:
-    """Those that no other beats in both cost and decibels, cheapest first; below UNSEEN_DB all pictures are alike."""
+    """Returns the points that no other point beats in both cost and decibels, cheapest first.
+
+    Differences below UNSEEN_DB count as equal.
+    """
     front: list[Mean] = []
     priced = [(price, visible_db(point), point) for point in points if (price := cost(point)) is not None]
     for _, error, point in sorted(priced, key=lambda triple: triple[:2]):
@@ -143,7 +150,7 @@ def pareto(points: Sequence[Mean], cost: Callable[[Mean], float | None]) -> list
 
 
 def visible_db(point: Mean) -> float:
-    """Decibels below the optimum, UNSEEN_DB for all that is less."""
+    """Returns the decibels below the optimum, at least UNSEEN_DB."""
     return max(point.below_optimum_db, UNSEEN_DB)
 
 

@@ -1,4 +1,4 @@
-"""Where a study takes place: scenes and calibration folders as rooms, and a picture in a room as a task."""
+"""The rooms of a study: scenes and calibration folders as rooms, and a picture in a room as a task."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -36,22 +36,24 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 
 R = TypeVar("R")
-ENTRY_BYTES = 170  # of T⁺, per entry: its maps, the player's, its inverse written out (146 measured with both backends)
-BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
+ENTRY_BYTES = 170  # bytes per entry of T⁺: its maps, the player's copy, the inverse (146 measured)
+BEYOND = 0.1 / 255  # drive; a smaller excess over 0..1 is rounding, not clipping
 TINY = 1e-300
 
 
 def processor_seconds(work: Callable[[], R]) -> tuple[R, float]:
-    """What `work` returns and the processor time that it took, all cores together: other load hardly changes it."""
+    """Returns the result of `work` and its processor time over all cores, which other load hardly changes."""
     start = time.process_time()
     result = work()
     return result, time.process_time() - start
 
 
 def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
-    """Scene files and calibration folders to study: those given, those of shipped scenes by name, or all of one camera.
+    """Returns scene files and calibration folders to study: those given, and shipped scenes by name.
 
-    InputError for what is none of these, before the work begins.
+    Without any, returns all shipped scenes with one camera.
+
+    Raises InputError for anything else, before the work begins.
     """
     shipped = shipped_scenes()
     unknown = [name for name in names if name not in shipped]
@@ -71,9 +73,11 @@ def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
 
 
 def open_room(place: Path, size: tuple[int, int], colour: str = "auto") -> "StudyRoom":
-    """A scene simulated, its camera fitted into `size` (height, width), or a calibration; neither is changed.
+    """Open a calibration, or simulate a scene with its camera fitted into `size` (height, width).
 
-    The projector is scaled as the camera is.  colour : of choices.COLOURS.
+    The projector is scaled as the camera is. Files stay unchanged.
+
+    colour : of choices.COLOURS.
     """
     if place.is_dir():
         stored = calibrations.read(place)
@@ -94,21 +98,25 @@ def open_room(place: Path, size: tuple[int, int], colour: str = "auto") -> "Stud
 
 
 def simulated_room(scene: Scene, name: str, colour: str = "auto") -> "StudyRoom":
-    """A scene as it is, simulated."""
+    """Simulate a scene at its own size."""
     results, seconds = processor_seconds(lambda: [simulate(view) for view in scene.views])
     return StudyRoom(name, tier_of(*simulation.simulated_room(scene, results), colour), seconds)
 
 
 class StudyRoom:
-    """A room whose maps can be built with any options.
+    """A room whose maps can be built with any options. Call close() at the end.
 
-    tier : of colour.  simulation_s : processor seconds of its simulation.  given : T as it is stored in the user's own
-    room, of white light; None for a scene.  white : radiance of a white picture, as the
-    player takes it.
-    counts : the lit camera pixels, which figures refer to.  inside : their T.
-    lit : (projector pixels, 3), whether near light leaves them.
-    objective : what the player's maps and refinement minimise.  box : the unweighted optimum.
-    Holds the last maps and the last bench, so methods that share them should follow each other; close() at the end.
+    The room keeps the last maps and the last bench, so methods that share them should follow each other.
+
+    tier : of colour.
+    simulation_s : processor seconds of its simulation.
+    given : stored T of the user's own room, for white light; None for a scene.
+    white : radiance of a white picture, as in the player.
+    counts : the lit camera pixels, to which figures refer.
+    inside : their T.
+    lit : (projector pixels, 3). Whether near light leaves them.
+    objective : the objective of the player's maps and refinement.
+    box : the unweighted optimum.
     """
 
     def __init__(self, name: str, tier: Tier, simulation_s: float, given: Transport | None = None) -> None:
@@ -133,9 +141,9 @@ class StudyRoom:
         return max(int((each.camera_sizes * each.projector_sizes).max(initial=0)) for each in found)
 
     def build(self, options: InverseOptions) -> tuple[BuiltRoom, float]:
-        """The maps as counterlight build makes them, refinement's apart, and processor seconds; the last is kept.
+        """Returns the maps of counterlight build, without refinement maps, and processor seconds; keeps the last.
 
-        Raises InputError where that cannot be, without trying the same again.
+        Raises InputError if the maps cannot be built; a failure is kept too.
         """
         if self._built is None or self._built[0] != options:
             self.close()
@@ -153,28 +161,28 @@ class StudyRoom:
             return error
 
     def bench(self, key: object, maps: Callable[[], RoomMaps], start: str) -> Bench:
-        """The player with maps and a start of refinement; the one made last is kept for its key."""
+        """Returns the player with maps and a start of refinement; the last bench is kept under its key."""
         if self._bench is None or self._bench[0] != key:
             self.close()
             self._bench = key, Bench(Room(self.calibration, maps(), self.white, start=start))
         return self._bench[1]
 
     def close(self) -> None:
-        """Release what the player holds."""
+        """Release the player's resources."""
         if self._bench is not None:
             self._bench[1].close()
         self._bench = None
 
     @cached_property
     def refinement(self) -> tuple[RefinementMaps, float]:
-        """What refinement and direct mapping need, and its processor seconds."""
+        """The maps for refinement and direct mapping, and their processor seconds."""
         return processor_seconds(
             lambda: refinement_maps(self.objective, self.calibration.camera.shape, self.calibration.projector.shape)
         )
 
     @cached_property
     def direct(self) -> tuple[RowMap, float]:
-        """Direct mapping as the thesis' 6.1 has it, without a prior, and its processor seconds."""
+        """Direct mapping of thesis 6.1, without a prior, and its processor seconds."""
         T, all_of_it = self.inside, np.ones((self.calibration.projector.pixels, 3))
         return processor_seconds(lambda: self._asking(direct_mapping(T.T, T.composition(), all_of_it)))
 
@@ -185,17 +193,17 @@ class StudyRoom:
         return processor_seconds(lambda: self._asking(triangulated_mapping(self.inside, camera, projector)))
 
     def _asking(self, rows: SparseRows) -> RowMap:
-        """A map from the camera's picture to the projector's."""
+        """Returns a row map from the camera picture to the projector picture."""
         return pack(rows, self.calibration.projector.shape, self.calibration.camera.shape)
 
     def asking_for_all(self, correction: RowMap) -> RoomMaps:
-        """What the player needs to show b by a map alone: it asks for no more than all light of full drive."""
+        """Returns the maps for a player that shows b by one map; targets are limited to the light of full drive."""
         near, far, blurred = self._observed
         return RoomMaps(correction, near, far, None, self.white, mixing=self.tier.mixing, blurred=blurred)
 
     @cached_property
     def _observed(self) -> tuple[RowMap, FarMaps | None, BlurredMaps | None]:
-        """Near, far and blurred light as the player reads them; None for what there is none of."""
+        """Near, far and blurred light as the player reads them; None for absent light."""
         shapes, T = (self.calibration.camera.shape, self.calibration.projector.shape), self.transport
         far = None if T.far is None else pack_far(T.far, *shapes)
         blurred = None if T.blurred is None else pack_blurred(T.blurred, *shapes)
@@ -204,10 +212,11 @@ class StudyRoom:
 
 @dataclass(frozen=True)
 class Judged:
-    """How good a drive is.
+    """The quality of a drive.
 
-    seen : (camera height, camera width, 3), in screen primaries.  below_optimum : decibels of PSNR to the box optimum.
-    certified : decibels that it can be below the optimum at most, from its gradient alone; or infinite.
+    seen : (camera height, camera width, 3), in screen primaries.
+    below_optimum : decibels of PSNR below the box optimum.
+    certified : upper bound of below_optimum from the gradient; may be infinite.
     """
 
     seen: FloatArray
@@ -219,9 +228,10 @@ class Judged:
 class Task:
     """One picture in one room.
 
-    desired : (camera height, camera width, 3), in screen primaries.  asked : b, (camera pixels, 3).
-    counts : (camera pixels, 1), whether lit.
-    plain : (projector pixels, 3), the picture uncorrected.
+    desired : (camera height, camera width, 3), in screen primaries.
+    asked : b, (camera pixels, 3).
+    counts : (camera pixels, 1). Whether lit.
+    plain : (projector pixels, 3). The uncorrected picture.
     """
 
     def __init__(self, room: StudyRoom, picture: Picture) -> None:
@@ -243,9 +253,10 @@ class Task:
         return self._quality(self.room.tier.seen(self.optimum[0]))
 
     def judge(self, drive: FloatArray, *, any_exposure: bool = False) -> Judged:
-        """Through the undecomposed T, near and far light.
+        """Judge a drive through the undecomposed T, near and far light.
 
-        drive : (projector pixels, 3), 0..1.  any_exposure : of the camera; the one of least error is taken.
+        drive : (projector pixels, 3), 0..1.
+        any_exposure : use the camera exposure of least error.
         """
         seen = self.room.tier.seen(drive)
         certified = self.room.objective.unweighted.certificate(drive, self.asked).decibels
@@ -258,7 +269,10 @@ class Task:
         return Judged(seen, quality, self._best.psnr - quality.psnr, certified)
 
     def clipped(self, unclamped: FloatArray) -> float:
-        """Share of the lit projector pixels' values beyond 0..1; unclamped : (projector pixels, 3)."""
+        """Returns the share of the lit projector pixels' values outside 0..1.
+
+        unclamped : (projector pixels, 3).
+        """
         beyond = np.abs(unclamped - np.clip(unclamped, 0, 1)) > BEYOND
         return float(np.mean(beyond[self.room.lit])) if self.room.lit.any() else 0.0
 

@@ -15,8 +15,8 @@ from counterlight.tools.relighting.pictures import encoded
 from counterlight.tools.study.measure import OURS_LABEL, THESIS_LABEL, RoomFigures
 from counterlight.tools.study.plots import save, subplots
 
-WORST = 0.25  # of white: errors from here on are drawn in the brightest colour
-LOWEST_SHARE = 0.25  # of the grey scale that Figure 5.2 stretches to all of it
+WORST = 0.25  # share of white; larger errors are drawn in the brightest colour
+LOWEST_SHARE = 0.25  # share of the grey scale that Figure 5.2 stretches to the full scale
 COLUMNS = {
     "desired": "desired",
     "uncompensated": "uncompensated",
@@ -27,7 +27,7 @@ COLUMNS = {
 
 
 def sheet(path: Path, room: RoomFigures) -> str:
-    """Every picture kept of a room: a row of views, and below it their errors; returns the file's name."""
+    """Draw every kept picture of a room: a row of views, and their errors below; returns the file's name."""
     names = [name for name in COLUMNS if all(name in views for views in room.seen.values())]
     figure, grid = subplots(2 * len(room.seen), len(names), room.mask.shape)
     for index, views in enumerate(room.seen.values()):
@@ -44,7 +44,7 @@ def sheet(path: Path, room: RoomFigures) -> str:
 
 
 def figure_5_2(path: Path, room: RoomFigures) -> str:
-    """A picture by NNLS and by T⁺ in the player, in colour and grey, and the difference's lowest quarter."""
+    """Draw a picture by NNLS and by T⁺ in the player, in colour and grey, and the lowest quarter of the difference."""
     views = next(iter(room.seen.values()))
     names = {"NNLS": "NNLS", THESIS_LABEL: "plain T⁺, cut, in the player", OURS_LABEL: "ours in the player"}
     figure, grid = subplots(3, len(names), room.mask.shape)
@@ -61,7 +61,7 @@ def figure_5_2(path: Path, room: RoomFigures) -> str:
 
 
 def figure_6_1(path: Path, room: RoomFigures) -> str:
-    """The direct and the global approach on one wall, whole and a detail of a third of it."""
+    """Draw the direct and the global approach on one wall: the whole picture, and a third of it in detail."""
     views = next(iter(room.seen.values()))
     names = [name for name in COLUMNS if name in views]
     height, width = room.mask.shape
@@ -86,14 +86,14 @@ def _show(axes: Axes, linear: FloatArray, title: str) -> None:
 
 
 def _heat(axes: Axes, error: FloatArray, mask: NDArray[np.bool_]) -> AxesImage:
-    """The largest of the channels' errors; pixels that do not count are left blank."""
+    """Draw the largest error of the channels; pixels that do not count stay blank."""
     worst = np.where(mask, np.abs(error).max(axis=2), np.nan)
     axes.axis("off")
     return axes.imshow(worst, cmap="inferno", vmin=0, vmax=WORST, interpolation="nearest")
 
 
 def _grey(linear: FloatArray) -> FloatArray:
-    """Luminance as sRGB code values 0..1, for these differences are looked at."""
+    """Returns luminance as sRGB code values 0..1, because a person looks at the differences."""
     light = np.clip(linear @ np.array(LUMINANCE), 0, 1)
     codes = Response("srgb").inverse_table()[:, 0]
     return np.asarray(np.interp(np.sqrt(light), np.linspace(0, 1, codes.size), codes))

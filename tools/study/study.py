@@ -1,4 +1,4 @@
-"""A whole study: every room in turn, then the report as a folder that appears whole."""
+"""A whole study: every room in turn, then the report, written as a folder that appears complete."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -27,8 +27,13 @@ HARDWARE_NOTE = "Milliseconds are wall-clock medians."
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """places : scenes and calibrations.  pictures : names.  size : (height, width) that a scene's camera is fitted
-    into.  patience_s : see jobs.study_rooms.  table_6_1 : also measure the thesis' scenes at its sizes.
+    """Options of a study.
+
+    places : scenes and calibrations.
+    pictures : names.
+    size : (height, width) into which a scene's camera is fitted.
+    patience_s : see jobs.study_rooms.
+    table_6_1 : also measure the thesis' scenes at the sizes of the thesis.
     colour : of choices.COLOURS.
     """
 
@@ -41,7 +46,10 @@ class StudyOptions:
 
 
 def check_output(folder: Path) -> None:
-    """InputError, before the long work, if something else than a study's report would be lost, or matplotlib lacks."""
+    """Check the output folder and matplotlib before the long work.
+
+    Raises InputError if the folder holds anything but a study's report, or if matplotlib is missing.
+    """
     _refuse_other(folder)
     try:
         import matplotlib  # noqa: F401
@@ -62,9 +70,9 @@ def _refuse_other(folder: Path) -> None:
 
 
 def run_study(options: StudyOptions, folder: Path, workers: Workers | None = None) -> Iterator[str]:
-    """Study, write the report to `folder` and yield what to print, line by line.
+    """Run a study, write the report to `folder` and yield the lines to print.
 
-    workers : who opens rooms and tries methods; None for this process.
+    workers : processes that open rooms and try methods; None for this process.
     """
     check_output(folder)
     with replacing_folder(folder, _refuse_other) as stage:
@@ -78,7 +86,7 @@ def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Itera
     asked: list[Asked] = []
     told = options.size, options.colour, anywhere(options.pictures), graphics()
     sources = [RoomSource(place.absolute(), *told) for place in options.places]
-    # Here a room after the other, each opened once; elsewhere all at a time.
+    # Here one room after another, so that each is opened once; with workers all at a time.
     for some in [sources] if workers else [[source] for source in sources]:
         for found in study_rooms(some, options.patience_s, workers or Here()):
             figures.append(found)
@@ -99,7 +107,7 @@ def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Itera
 def write_study(
     stage: Path, figures: Sequence[RoomFigures], table: Sequence[OurRow], asked: Sequence[Asked] = ()
 ) -> list[str]:
-    """Everything that a report holds, into an existing folder; returns the advice, a line per wish."""
+    """Write all files of a report into an existing folder; returns the advice, one line per wish."""
     from counterlight.tools.study.plots import draw_all
     from counterlight.tools.study.questions.panels import draw
 

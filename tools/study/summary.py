@@ -14,7 +14,10 @@ HEADER = (
 
 
 def to_markdown(rows: Sequence[Row], averages: Sequence[Mean], advice: Sequence[Wish]) -> str:
-    """A line per method that was used in every room, and a line per wish.  averages : those methods' means."""
+    """Returns a line per method that was used in every room, and a line per wish.
+
+    averages : means of those methods.
+    """
     methods = "".join(_line(point, [row for row in rows if row.label == point.label]) for point in averages)
     wishes = "".join(
         f"| {wish.words} | `{wish.method.command if wish.method else 'none'}` | {wish.why} |\n" for wish in advice

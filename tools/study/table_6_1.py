@@ -1,4 +1,4 @@
-"""Table 6.1 of the thesis, row by row, beside what this program takes for the same scenes."""
+"""Table 6.1 of the thesis, row by row, next to this program's figures for the same scenes."""
 
 from collections.abc import Sequence
 from contextlib import closing
@@ -17,13 +17,16 @@ from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds, s
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.transport import CHANNELS
 
-CAMERA, PROJECTOR = (480, 640), (512, 512)  # the sizes that 4.2 and 5.2 name
+CAMERA, PROJECTOR = (480, 640), (512, 512)  # the sizes in 4.2 and 5.2
 FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (52, 52)  # 4.3.3 solves about 2304 equations for 2700 unknowns
 
 
 @dataclass(frozen=True)
 class ThesisRow:
-    """A row of Table 6.1, in its words; scene : the shipped scene that stands for it."""
+    """A row of Table 6.1, in its words.
+
+    scene : the shipped scene that represents it.
+    """
 
     scene: str
     words: str
@@ -75,10 +78,12 @@ THESIS_ROWS = (
 
 @dataclass(frozen=True)
 class Spent:
-    """What a way took and gave.
+    """Cost and quality of a method.
 
-    computed_s : processor seconds.  pictures : shown, of an acquisition.  frame_ms : in the player;
-    processor time without a GPU.  below_db : PSNR below the box optimum.
+    computed_s : processor seconds.
+    pictures : shown by an acquisition.
+    frame_ms : in the player; processor time without a GPU.
+    below_db : PSNR below the box optimum.
     """
 
     computed_s: float
@@ -94,11 +99,14 @@ class Spent:
 
 @dataclass(frozen=True)
 class OurRow:
-    """Ours for a scene. Times are processor time; None where a method is not for the room, or why not.
+    """This program's figures for a scene, in processor time; None, or a reason, where a method does not suit the room.
 
-    acquired, by_hierarchy : by a simulated camera, multiplexed and by the thesis' scheme.  nnls_s : a picture, T whole.
-    direct : triangulated.  thesis : T⁺ as the thesis computes it, plain and cut.  stepped : refined in every frame from
-    direct mapping.  ours : from T⁺ damped and cut.
+    acquired, by_hierarchy : by a simulated camera, multiplexed and with the thesis' scheme.
+    nnls_s : for one picture, with the whole T.
+    direct : triangulated.
+    thesis : T⁺ as the thesis computes it, plain and cut.
+    stepped : refined in every frame, from direct mapping.
+    ours : refined in every frame, from T⁺ damped and cut.
     """
 
     scene: str
@@ -115,7 +123,7 @@ class OurRow:
 
 
 def table_row(figures: RoomFigures, multiplexed: Spent | None = None, hierarchical: Spent | None = None) -> OurRow:
-    """A row from the first picture that was studied in a room."""
+    """Returns a row from the first picture that was studied in a room."""
     first = {row.label: row for row in reversed(figures.rows)}
     nnls, direct, thesis, *others = (first.get(label(m.family, m.knob, m.value)) for m in METHODS)
     refused = next((entry.reason for entry in figures.skipped if entry.method == THESIS_LABEL), None)
@@ -138,7 +146,7 @@ def _played(row: Row | None) -> Spent | None:
 
 
 def acquired(room: StudyRoom, picture: Picture, way: Way) -> Spent:
-    """The room acquired by a simulated camera, and what the best drive by its T gives in the room as it is."""
+    """Acquire the room with a simulated camera; returns the cost, and the quality of the resulting best drive."""
     again, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, way))
     tier, task = tier_of_acquired(room.calibration, again), Task(room, picture)
     box = Box(objective_of(tier.transport, tier.calibration, DEFAULT_AIMS))
@@ -147,12 +155,15 @@ def acquired(room: StudyRoom, picture: Picture, way: Way) -> Spent:
 
 
 def scenes_of_the_table() -> list[str]:
-    """Those that are shipped."""
+    """Returns the scenes of the table that are shipped."""
     return [row.scene for row in THESIS_ROWS if row.scene in shipped_scenes()]
 
 
 def measure_at_thesis_size(scene: str, picture: str) -> OurRow:
-    """One of them.  picture : by name."""
+    """Measure one scene of the table.
+
+    picture : name of the picture.
+    """
     camera, projector = (FOCUS_CAMERA, FOCUS_PROJECTOR) if scene == "two_planes" else (CAMERA, PROJECTOR)
     resized = load_scene(shipped_scenes()[scene]).resized(camera, projector)
     with closing(simulated_room(resized, scene)) as room:
@@ -162,7 +173,7 @@ def measure_at_thesis_size(scene: str, picture: str) -> OurRow:
 
 
 def to_markdown(ours: Sequence[OurRow]) -> str:
-    """The table in Markdown."""
+    """Returns the table in Markdown."""
     by_scene = {row.scene: row for row in ours}
     lines = [f"| {' | '.join(HEADER)} |", "|---" * len(HEADER) + "|"]
     lines += [f"| {' | '.join(cells(row, by_scene.get(row.scene)))} |" for row in THESIS_ROWS]
@@ -170,7 +181,7 @@ def to_markdown(ours: Sequence[OurRow]) -> str:
 
 
 def cells(thesis: ThesisRow, ours: OurRow | None) -> list[str]:
-    """Of one scene, in the order of HEADER."""
+    """Returns the cells of one scene, in the order of HEADER."""
     words = [thesis.words, f"{thesis.pictures} HDR", thesis.acquisition, thesis.nnls, thesis.inverse]
     words.append(thesis.frames_per_second)
     if ours is None:

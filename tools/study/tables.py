@@ -5,7 +5,7 @@ from html import escape
 
 
 def number(value: float | int | str | None) -> str:
-    """Three digits, or all of thousands; a dash for what does not exist."""
+    """Returns three digits, or whole numbers from 1000; a dash for None."""
     if value is None:
         return "–"
     if not isinstance(value, float):
@@ -14,7 +14,7 @@ def number(value: float | int | str | None) -> str:
 
 
 def html_table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
-    """A table; cells that begin with a digit stand to the right."""
+    """Returns a table; cells that begin with a digit are aligned right."""
     head = "".join(f"<th>{escape(words)}</th>" for words in header)
     lines = "".join(f"<tr>{''.join(map(_cell, line))}</tr>" for line in body)
     return f"<table><tr>{head}</tr>{lines}</table>"

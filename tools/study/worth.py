@@ -1,11 +1,13 @@
-"""What each effect of a scene is worth in decibels of the final picture, and which of them a tolerance calls for.
+"""Worth of each effect of a scene in decibels of the final picture, and the effects that a tolerance calls for.
 
-Judged in a small room, on pictures as the best drive (box) shows them. An effect is worth the larger of two errors of a
-T that lacks it: what is lost where its best drive is shown in the room that has the effect, and by how much the
-PSNR that such a T predicts for that drive is off. Both depend on how good a picture can get, and that on how smooth it
-is from pixel to pixel: so the small room shows windows of pictures of the scene's own size. A small shadow costs what
-is shown where it falls, and no window shows there what the whole picture does: what an effect changes in the worst
-window counts, against the error of all of them.
+Effects are judged in a small room, on pictures shown by the best drive (box). The worth of an effect is the larger of
+two errors of a T that lacks the effect. The first error is the loss when the best drive of that T is shown in the room
+with the effect. The second error is how far the PSNR that this T predicts for the drive is wrong.
+
+Both errors depend on how good a picture can get, and therefore on its smoothness from pixel to pixel. The small room
+therefore shows windows of pictures of the scene's own size. A small shadow costs quality only where it falls, and no
+window shows there what the whole picture shows. The change in the worst window therefore counts, against the error of
+all windows.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -27,22 +29,23 @@ from counterlight.tools.solve.box import Box
 from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 
-SMALL, SMALLEST = (48, 64), 24  # (height, width) that the judged camera is fitted into; a projector's side
+SMALL, SMALLEST = (48, 64), 24  # (height, width) into which the judged camera is fitted; shortest side of a projector
 PICTURES = ("photograph", "text", "film", "dark-film")
-WINDOWS = 2  # of a picture, along and across: a shadow is on a different part of it in each
-FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # of the small room, if the scene has more
-MOST_BENT = 0.25  # of a lens that does not fold: three pixels in the small picture's corner
-GAP, MOST_STEPS = 3e-3, 300  # of the box optimum: 0.013 dB, unless a T that lacks something takes too long
-UNJUDGED = ("direct", "flicker", "capture_noise")  # no picture is without the first; T has nothing of the others
-FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers a pixel: nothing to save
-SPENT = 0.5  # of a tolerance, in the small room
+WINDOWS = 2  # windows per picture and axis: a shadow lies on a different part of the picture in each
+FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # largest numbers in the small room
+MOST_BENT = 0.25  # largest slope of a lens that does not fold: three pixels in the small picture's corner
+GAP, MOST_STEPS = 3e-3, 300  # relative gap of the box optimum, 0.013 dB; limit of steps for a T that lacks an effect
+# no picture exists without direct light; T does not contain the others
+UNJUDGED = ("direct", "flicker", "capture_noise")
+FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers per pixel: no time to save
+SPENT = 0.5  # share of a tolerance that the small room may lose
 
 
 def priced(scene: Scene, needs: Mapping[str, Need], within: float | None = None) -> dict[str, Need]:
-    """The needs, each effect that is on with what it is worth.
+    """Returns the needs, with the worth of each active effect.
 
-    within : a tolerance in decibels; what costs time and stays within half of it, all together, is switched
-    off, least worth first. The rest is for what a small room does not show.
+    within : a tolerance in decibels. Costly effects that together stay within half of it are switched off, least worth
+        first; the other half covers what a small room does not show.
     """
     judged = [name for name, need in needs.items() if need.on and name not in UNJUDGED]
     if not judged:
@@ -59,7 +62,7 @@ def priced(scene: Scene, needs: Mapping[str, Need], within: float | None = None)
 
 
 def _affordable(judge: "_Judge", costly: Sequence[str], worth: Mapping[str, float], most: float) -> list[str]:
-    """Effects that together are worth at most so many decibels."""
+    """Returns effects that together are worth at most `most` decibels."""
     off: list[str] = []
     for name in costly:
         if worth[name] > most:
@@ -70,10 +73,10 @@ def _affordable(judge: "_Judge", costly: Sequence[str], worth: Mapping[str, floa
 
 
 def _small(scene: Scene) -> Scene:
-    """The scene at a size at which judging takes seconds; what is told in pixels stays as many.
+    """Returns the scene at a size at which judging takes seconds; lengths in pixels stay the same.
 
-    Circles of confusion, halos, the way of light in a body and between the colours of a prism grow with the pixels, and
-    lenses bend the picture by as many.
+    Circles of confusion, halos, scattering lengths and dispersion grow with the pixels, and lenses bend the picture by
+    the same number of pixels.
     """
     camera, projector = scene.camera, scene.projector
     wanted = max(camera.height / SMALL[0], camera.width / SMALL[1])
@@ -96,7 +99,7 @@ def _small(scene: Scene) -> Scene:
 
 
 def _bent(device: Device, scale: float) -> tuple[float, ...]:
-    """Coefficients of a lens that bends `scale` times as far, or at least so far that nobody would leave it out.
+    """Returns coefficients of a lens that bends up to `scale` times as far, and never less than the given lens.
 
     In the picture's corner the small lens' slope stays below MOST_BENT, so that no picture folds over.
     """
@@ -108,7 +111,7 @@ def _bent(device: Device, scale: float) -> tuple[float, ...]:
 
 
 class _Judge:
-    """The small room with all its effects, and windows of pictures as they are best shown in it."""
+    """The small room with all its effects, and windows of pictures with their best drives."""
 
     def __init__(self, scene: Scene, needs: Mapping[str, Need]) -> None:
         self._scene, self._needs = _small(scene), needs
@@ -119,7 +122,7 @@ class _Judge:
         self._best = [self._errors(self._whole, self._drives(self._whole, asked), asked) for asked in self._asked]
 
     def without(self, effects: Collection[str]) -> float:
-        """Decibels that a room without some effects is off by, the worst picture's; infinite if it shows nothing."""
+        """Returns the error of a room without some effects, dB of the worst picture; infinite if it shows nothing."""
         try:
             lacking = _Room(self._scene, self._needs, effects)
         except InputError:  # no light is left
@@ -139,19 +142,19 @@ class _Judge:
         return [room.drive(each) for each in asked]
 
     def _errors(self, room: "_Room", drives: Sequence[FloatArray], asked: Sequence[FloatArray]) -> FloatArray:
-        """Mean squares, (windows,), of what a room makes of drives; of camera pixels that count in the whole one."""
+        """Returns the mean squared errors (windows,) of drives in a room, inside the mask of the whole room."""
         mask, white = self._whole.tier.calibration.mask, self._whole.tier.white
         errors = [(room.tier.seen(p) - each)[mask] / white for p, each in zip(drives, asked, strict=True)]
         return np.array([np.mean(np.square(each)) for each in errors])
 
 
 def _lost(best: FloatArray, errors: FloatArray) -> float:
-    """Decibels between the mean squares of two sets of windows."""
+    """Returns the decibels between the mean squares of two sets of windows."""
     return psnr(float(np.mean(best))) - psnr(float(np.mean(errors)))
 
 
 def _windows(picture: FloatArray, shape: tuple[int, int]) -> list[FloatArray]:
-    """Parts of a picture, of a shape (height, width), spread over it; the whole if it is no larger."""
+    """Returns parts of a picture with a shape (height, width), spread over it; the whole if it is no larger."""
     count = 1 if picture.shape[:2] == shape else WINDOWS
     tops, lefts = (
         [round(share * (whole - part)) for share in (np.arange(count) + 0.5) / count]
@@ -161,7 +164,7 @@ def _windows(picture: FloatArray, shape: tuple[int, int]) -> list[FloatArray]:
 
 
 class _Room:
-    """A scene simulated, some effects left out, and the best that its own T knows to show."""
+    """A simulated scene without some effects, and the best drives by its own T."""
 
     def __init__(self, scene: Scene, needs: Mapping[str, Need], without: Collection[str] = ()) -> None:
         result = simulate(scene, needs, without=without)
@@ -170,5 +173,8 @@ class _Room:
         self._box = Box(objective.unweighted, tolerance=GAP, most_steps=MOST_STEPS)
 
     def drive(self, asked: FloatArray) -> FloatArray:
-        """(projector pixels, 3) for (camera height, camera width, 3), in screen primaries."""
+        """Returns the drive (projector pixels, 3) for a picture in screen primaries.
+
+        asked : (camera height, camera width, 3).
+        """
         return self._box.solve(self.tier.asked(asked).reshape(-1, 3)).drive

@@ -1,8 +1,8 @@
-"""Arrays of .npy and .npz files: what a header claims is compared with what the file can hold before memory is taken.
+"""Arrays of .npy and .npz files: a header's claims are compared with the file's size before memory is allocated.
 
-Numpy itself trusts a header's shape, and scipy a matrix's: a kilobyte can ask for gigabytes. So an array's type, shape
-and place are read first, by numpy's parser on a bounded piece; its numbers come when they are asked for, and fit.
-Nothing is ever unpickled. An archive is a zip file of arrays (numpy.savez), stored or deflated.
+Numpy trusts a header's shape, and scipy a matrix's shape: a kilobyte can request gigabytes. Type, shape and place are
+therefore read first, by numpy's parser on a bounded piece. The numbers are read on request, if they fit. Nothing is
+ever unpickled. An archive is a zip file of arrays (numpy.savez), stored or deflated.
 """
 
 import io
@@ -28,28 +28,29 @@ from counterlight.files.reading import Source, opened
 HEADER_BYTES = 512  # numpy writes 128
 MOST_MEMBERS, MOST_DIMENSIONS = 64, 3
 MAX_BYTES = 16 << 30
-COPIES = 2  # as it is stored, and of another type
+COPIES = 2  # of an array: as stored, and converted to another type
 PIECE = 1 << 20
 ENCRYPTED = 1
-RATIOS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}  # no stream of zlib's unpacks to more
+RATIOS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}  # the highest ratio of a zlib stream
 HEADERS: dict[tuple[int, int], Callable[..., tuple[tuple[int, ...], bool, np.dtype[Any]]]] = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-# What zipfile and zlib raise for archives that are damaged, encrypted or packed in another way.
+# Exceptions of zipfile and zlib for archives that are damaged, encrypted or packed in another way.
 UNREADABLE = (ValueError, RuntimeError, NotImplementedError, EOFError, KeyError, zlib.error, zipfile.BadZipFile)
 
 
 class ArrayError(ValueError):
-    """An array that is not what it claims or what is wanted: what is wrong, without the file's name."""
+    """An array that differs from its claim or from the expected array. The message omits the file's name."""
 
 
 @dataclass(frozen=True)
 class StoredArray:
-    """What a header claims; the numbers are in the file.
+    """The claims of a header; the numbers stay in the file.
 
-    shape : at most three whole numbers ≥ 0, of any size.  fortran : the first index runs fastest.  offset : of the
-    numbers, in bytes.
+    shape : at most three integers ≥ 0, of any size.
+    fortran : whether the first index varies fastest.
+    offset : of the numbers, in bytes.
     """
 
     dtype: np.dtype[Any]
@@ -63,7 +64,10 @@ class StoredArray:
         return prod(self.shape) * self.dtype.itemsize
 
     def expect(self, kinds: str, *shape: int | None) -> "StoredArray":
-        """Itself, if its type is of numpy's `kinds` and its shape agrees, None being any length; ArrayError else."""
+        """Return self if the type is of numpy's `kinds` and the shape agrees, else raise ArrayError.
+
+        shape : expected lengths; None for any length.
+        """
         agrees = len(self.shape) == len(shape) and all(b in (a, None) for a, b in zip(self.shape, shape, strict=True))
         if self.dtype.kind not in kinds or not agrees:
             wanted = "x".join("n" if n is None else f"{n}" for n in shape) or "a single value"
@@ -72,7 +76,7 @@ class StoredArray:
         return self
 
     def read(self) -> NDArray[Any]:
-        """The numbers; ArrayError if there are less or more of them than claimed."""
+        """Read the numbers; raises ArrayError if their number differs from the claim."""
         values = np.empty(prod(self.shape), self.dtype)
         left = values.view(np.uint8).data
         with self._open() as file:
@@ -80,13 +84,13 @@ class StoredArray:
             while left and (piece := file.read(min(len(left), PIECE))):
                 left[: len(piece)] = piece
                 left = left[len(piece) :]
-            if left or file.read(1):  # at its end, a zip file's member compares its checksum
+            if left or file.read(1):  # at the end of a zip member, this read verifies its checksum
                 raise ArrayError("another length than its header claims")
         return values.reshape(self.shape, order="F" if self.fortran else "C")
 
 
 class Members(dict[str, StoredArray]):
-    """The arrays of an archive by their names.  file : what it is called, for complaints."""
+    """The arrays of an archive by name. file : name for error messages."""
 
     def __init__(self, file: str) -> None:
         super().__init__()
@@ -98,7 +102,10 @@ class Members(dict[str, StoredArray]):
 
 @contextmanager
 def opened_archive(source: Source, what: str, fix: str) -> Iterator[Members]:
-    """The arrays of an .npz file; InputError, `FILE: what (reason); fix`, for what is none, or a ValueError within."""
+    """Open the arrays of an .npz file; raises InputError `FILE: what (reason); fix` for bad files.
+
+    A ValueError inside the block becomes such an InputError, too.
+    """
     with opened(source, fix) as file, _named(file, what, fix), zipfile.ZipFile(_Measured(file)) as archive:
         members = _members(archive, file)
         needed = sum(member.nbytes for member in members.values())
@@ -110,7 +117,7 @@ def opened_archive(source: Source, what: str, fix: str) -> Iterator[Members]:
 
 @contextmanager
 def opened_array(source: Source, what: str, fix: str) -> Iterator[StoredArray]:
-    """The array of an .npy file; InputError as of `opened_archive`."""
+    """Open the array of an .npy file; raises InputError as `opened_archive` does."""
     with opened(source, fix) as file, _named(file, what, fix):
         array = _parsed(file.read(HEADER_BYTES), lambda: opened(file, fix))
         if os.fstat(file.fileno()).st_size != array.offset + array.nbytes:
@@ -128,7 +135,7 @@ def _named(file: BufferedReader, what: str, fix: str) -> Iterator[None]:
 
 
 class _Measured:
-    """A file that gives so much at a time: zipfile reads whatever an archive says of its directory's length."""
+    """A file that reads a limited amount at a time: zipfile trusts an archive's claim of its directory's length."""
 
     def __init__(self, file: BufferedReader) -> None:
         self._file = file
@@ -165,9 +172,9 @@ def _parsed(head: bytes, open_again: Callable[[], AbstractContextManager[Any]]) 
     stream = io.BytesIO(head)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of old or odd headers; what matters is checked below
+            warnings.simplefilter("ignore")  # for old or odd headers; what matters is checked below
             shape, fortran, dtype = HEADERS[np.lib.format.read_magic(stream)](stream, max_header_size=HEADER_BYTES)
-    except Exception as error:  # Python's own parser is behind it, and raises many kinds
+    except Exception as error:  # numpy's parser raises many kinds of exceptions
         raise ArrayError(f"a header that is not numpy's: {one_line(error)}") from None
     if dtype.hasobject:
         raise ArrayError("Python objects, which are never unpickled")

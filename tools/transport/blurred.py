@@ -1,8 +1,8 @@
-"""Blurred light: what is far out of focus is smooth, so its rows address blocks of projector pixels instead of pixels.
+"""Blurred light: light far out of focus is smooth, so its rows address blocks of projector pixels instead of pixels.
 
-T = S + B P + U M D. P gives the means of the projector's picture over blocks of 2×2 to 16×16 pixels, the coarser levels
-of its pyramid; B is sparse over these cells. In a row of T that B P stands for, cells and entries of S lie beside each
-other. tools/blurring makes such rows of full ones (docs/mathematics.md 4).
+T = S + B P + U M D. P computes the means of the projector picture over blocks of 2×2 to 16×16 pixels, the coarser
+levels of its pyramid; B is sparse over these cells. A row of T may have both cells and entries of S. tools/blurring
+makes such rows from full ones (docs/mathematics.md 4).
 """
 
 from dataclasses import dataclass
@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray, IntArray, brief
 from counterlight.maps.row_map import SparseRows
 
-LEVELS = 4  # of cells: the coarsest are of 16×16 pixels
+LEVELS = 4  # of cells; the coarsest have 16×16 pixels
 
 
 @dataclass(frozen=True)
 class BlurredLight:
-    """camera radiance = scatter · gather · p, for each colour channel.
+    """camera radiance = scatter · gather · p, per colour channel.
 
-    gather : P, (cells, projector pixels), means over blocks.  scatter : B, (camera pixels, cells), radiance per mean.
+    gather : P, (cells, projector pixels). Means over blocks.
+    scatter : B, (camera pixels, cells). Radiance per mean.
     """
 
     gather: SparseRows
@@ -35,17 +36,17 @@ class BlurredLight:
         return BlurredLight(self.scatter.transposed, self.gather.transposed)
 
     def apply(self, p: NDArray[np.floating]) -> FloatArray:
-        """B P p: (projector pixels, 3) -> (camera pixels, 3)."""
+        """Return B P p: (projector pixels, 3) -> (camera pixels, 3)."""
         return self.scatter.apply(self.gather.apply(p))
 
     def apply_transpose(self, c: NDArray[np.floating]) -> FloatArray:
-        """(camera pixels, 3) -> (projector pixels, 3)."""
+        """Multiply by the transpose: (camera pixels, 3) -> (projector pixels, 3)."""
         return self.transposed.apply(c)
 
 
 @dataclass(frozen=True)
 class Pyramid:
-    """Cells of a raster (height, width): whole blocks of 2×2 pixels row by row, then those of 4×4, and so on."""
+    """Cells of a raster (height, width): whole blocks of 2×2 pixels row by row, then blocks of 4×4, and so on."""
 
     raster: tuple[int, int]
 
@@ -57,7 +58,7 @@ class Pyramid:
 
     @property
     def starts(self) -> IntArray:
-        """The first cell of each level, and their number."""
+        """The first cell of each level, followed by the total."""
         return np.cumsum([0, *(height * width for height, width in self.sizes)])
 
     @property
@@ -65,7 +66,7 @@ class Pyramid:
         return int(self.starts[-1])
 
     def means(self, used: BoolArray) -> SparseRows:
-        """P, float32; rows of cells that are not used, (cells,), are empty."""
+        """Return P, float32; rows of unused cells are empty. used : (cells,) bool."""
         indices = [np.zeros((0,), np.int32)]
         lengths = np.zeros(self.cells, np.int64)
         for level, (start, (height, width)) in enumerate(zip(self.starts, self.sizes, strict=False), 1):
@@ -80,7 +81,7 @@ class Pyramid:
         return SparseRows(starts, np.concatenate(indices), np.repeat(weights[:, None], 3, axis=1), pixels)
 
     def light(self, scatter: SparseRows) -> BlurredLight:
-        """B P."""
+        """Return B P."""
         used = np.zeros(self.cells, bool)
         used[scatter.indices] = True
         return BlurredLight(self.means(used), scatter)

@@ -1,4 +1,4 @@
-"""T by devices of fewer pixels: a camera's are means of its own, a projector's light all that they stand for."""
+"""T for devices with fewer pixels: coarse camera pixels are means, coarse projector pixels light all they contain."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,22 +24,23 @@ class Layout(NamedTuple):
 
 
 def beside(projectors: Shapes) -> Layout:
-    """Projectors', side by side."""
+    """Return the layout of projectors, side by side."""
     shape, regions = side_by_side(projectors)
     return Layout(shape, tuple(region.part for region in regions))
 
 
 def below(cameras: Shapes) -> Layout:
-    """Cameras', below each other."""
+    """Return the layout of cameras, below each other."""
     return Layout(raster_of(cameras), parts_of(cameras))
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Square blocks of `factor` pixels a side; the last of a row or column takes what is left over.
+    """Square blocks of `factor` pixels a side; the last block of a row or column includes the remainder.
 
-    shapes : (height, width) of each device.  layout : in the raster of all, each with blocks of its own; what is
-    beside them counts for nothing.
+    shapes : (height, width) of each device.
+    factor : pixels per side.
+    layout : arranges the devices, each with its own blocks, in a raster; other raster pixels are ignored.
     """
 
     shapes: Shapes
@@ -53,12 +54,12 @@ class Blocks:
 
     @property
     def coarse(self) -> Shape:
-        """Of the raster."""
+        """(height, width) of the raster of blocks."""
         return self.layout(self.coarser).shape
 
     @cached_property
     def of_pixel(self) -> NDArray[np.int64]:
-        """The block that each pixel of the raster is in, -1 beside the devices."""
+        """The block of each raster pixel, (pixels,); -1 outside the devices."""
         (shape, parts), (small, places) = self.layout(self.shapes), self.layout(self.coarser)
         blocks, numbers = np.full(shape, -1), np.arange(small[0] * small[1]).reshape(small)
         for part, place in zip(parts, places, strict=True):
@@ -72,34 +73,34 @@ class Blocks:
 
     @cached_property
     def sums(self) -> Csr:
-        """(blocks, pixels)."""
+        """Matrix of block sums, (blocks, pixels)."""
         inside = np.flatnonzero(self.of_pixel >= 0)
         shape = self.coarse[0] * self.coarse[1], self.of_pixel.size
         return Csr((np.ones(inside.size, np.float32), (self.of_pixel[inside], inside)), shape=shape)
 
     @cached_property
     def means(self) -> Csr:
-        """(blocks, pixels), rows that add up to 1, or to 0 beside the devices."""
+        """Matrix of block means, (blocks, pixels): rows add up to 1, or to 0 outside the devices."""
         pixels = np.maximum(self.sums.sum(axis=1), 1)
         return Csr(sparse.diags_array((1 / pixels).astype(np.float32)) @ self.sums)
 
     def mean(self, picture: NDArray[np.generic]) -> FloatArray:
-        """(height, width, …) in blocks."""
+        """Return the means of a picture (height, width, …) in blocks."""
         flat = np.asarray(picture, np.float64).reshape(self.of_pixel.size, -1)
         return np.asarray(self.means @ flat).reshape(*self.coarse, *picture.shape[2:])
 
     def whole(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(height, width), of a mask -> blocks all of whose pixels are in it."""
+        """Return the blocks whose pixels are all in a mask (height, width)."""
         pixels, inside = self.sums.sum(axis=1), self.sums @ mask.ravel().astype(np.float32)
         return np.asarray((pixels > 0) & (inside == pixels)).reshape(self.coarse)
 
     def spread(self, blocks: FloatArray) -> FloatArray:
-        """(blocks, …) -> (pixels, …), each pixel what its block is, 0 beside the devices."""
+        """Copy each block's value to its pixels, (blocks, …) -> (pixels, …); 0 outside the devices."""
         return np.where((self.of_pixel >= 0)[:, None], blocks[self.of_pixel], 0)
 
 
 def coarser(transport: Transport, camera: Blocks, projector: Blocks) -> Transport:
-    """A T E: A means of camera pixels, E what a coarse projector pixel lights."""
+    """Return A T E: A computes means of camera pixels, E the pixels that a coarse projector pixel lights."""
     far = transport.far
     return Transport(
         _between(camera, transport.near, projector),

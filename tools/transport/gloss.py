@@ -1,8 +1,8 @@
-"""Projector pixels whose light the camera sees by gloss, where another projector lights the same place.
+"""Finds projector pixels whose light the camera sees by gloss, where another projector lights the same place.
 
-Paint takes the light of all projectors alike, so the ratio of two projectors' floodlights knows no paint and changes
-slowly over a surface; a coat's highlight of one of them is a bump on it (thesis 4.3.2; Park et al. 2006). Somebody who
-stands elsewhere does not see that highlight, and what was left out for it is dark.
+Paint reflects the light of all projectors alike, so the ratio of two projectors' floodlights is independent of paint
+and changes slowly over a surface. A glossy highlight of one projector is a bump on this ratio (thesis 4.3.2; Park et
+al. 2006). A viewer at another place does not see the highlight; light that was omitted because of it is missing there.
 """
 
 import numpy as np
@@ -11,18 +11,20 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.calibration import Calibration
 from counterlight.tools.transport.transport import Transport, luminance
 
-BUMP, USUAL = 0.1, 3.0  # of light, and times what is usual off the surface: less is the room's shape
-BESIDE = 0.25  # of a projector's median light: less is its shadow, where it stands in for nobody
-FEWEST, MOST = 64, 20000  # camera pixels that a surface is laid through
+# smallest bump: relative, and in multiples of the usual deviation; smaller ones are the room's shape
+BUMP, USUAL = 0.1, 3.0
+BESIDE = 0.25  # of a projector's median light; darker places are its shadow
+FEWEST, MOST = 64, 20000  # camera pixels for the fit of a surface
 ROUNDS, TUKEY = 30, 4.0
 TINY = np.finfo(np.float64).tiny
 
 
 def glossy(transport: Transport, calibration: Calibration, owner: IntArray) -> FloatArray:
-    """The share of each projector pixel's light that cameras see as a highlight, (projector pixels,), 0 to 1.
+    """Return the share of each projector pixel's light that cameras see as a highlight, (projector pixels,), 0 to 1.
 
-    owner : the number of each pixel's projector from 0, (projector height, projector width); -1 where there is none.
-    0 everywhere for one projector.
+    owner : (projector height, projector width). Number of each pixel's projector from 0; -1 for none.
+
+    Returns 0 everywhere for one projector.
     """
     numbers, near = range(len(calibration.regions)), transport.near
     lights = np.stack([_floodlight(transport, owner.ravel() == each) for each in numbers])
@@ -40,12 +42,12 @@ def glossy(transport: Transport, calibration: Calibration, owner: IntArray) -> F
 
 
 def _floodlight(transport: Transport, pixels: BoolArray) -> FloatArray:
-    """Near light of some projector pixels, luminance, (camera pixels,)."""
+    """Return near light of some projector pixels, luminance, (camera pixels,)."""
     return luminance(transport.near.apply(np.repeat(pixels[:, None].astype(np.float64), 3, axis=1)))
 
 
 def _highlights(light: FloatArray, others: FloatArray) -> FloatArray:
-    """The share of a projector's light that rises above what the ratio to others' light usually is, pixel by pixel."""
+    """Return the share of a projector's light above the usual ratio to the others' light, per camera pixel."""
     lit = [each > BESIDE * np.median(each[each > 0]) if each.any() else each > 0 for each in (light, others)]
     both = lit[0] & lit[1]
     if np.count_nonzero(both) < FEWEST:
@@ -57,9 +59,9 @@ def _highlights(light: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _above_surface(values: FloatArray, known: BoolArray) -> tuple[FloatArray, float]:
-    """Distances above the quadratic surface that most known values lie on, and the median of their sizes there.
+    """Return distances above the quadratic surface that fits most known values, and their median absolute deviation.
 
-    Reweighted least squares with Tukey's biweight.
+    Uses reweighted least squares with Tukey's biweight.
     """
     y, x = (2 * each / max(each.max(), 1) - 1 for each in np.mgrid[: values.shape[0], : values.shape[1]])
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)

@@ -1,8 +1,8 @@
-"""Projectors that were measured one at a time, side by side as one: their transports, ambient light and masks.
+"""Joins projectors that were measured one at a time, side by side: their transports, ambient light and masks.
 
-With p = (p₁, p₂, …) the pictures in one raster, T p = Σ T_k p_k: the columns of the T_k stand where the raster has
-their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other, as
-P and B of the blurred light. Cells of the same surfaces, as simulated rooms have them, are the same:
+With p = (p₁, p₂, …) the pictures in one raster, T p = Σ T_k p_k: the columns of T_k move to the raster positions of
+their pixels. For far light, M is block-diagonal, the D are stacked below each other, and the U stand next to each
+other. P and B of blurred light are joined like D and U. Cells of the same surfaces, as in simulated rooms, are shared:
 U M (D₁ p₁ + D₂ p₂).
 """
 
@@ -31,7 +31,7 @@ from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
-# Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
+# Of the brightest floodlit pixels: a display's black level, which one measurement may include and another not.
 FRACTION_OF_BRIGHT = 0.005
 
 
@@ -44,11 +44,12 @@ def join_rooms(
     force: bool = False,
     tolerance: float = TOLERANCE,
 ) -> str:
-    """Write one calibration of several of the same camera; returns lines on the whole, and on each T that is dense.
+    """Write one calibration from several of the same camera; returns a summary, and a line per dense T.
 
-    monitors : names, one for each projector, in the order of the folders; none to keep what the folders say.
-    tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
-    Raises InputError for cameras of different sizes, and ambient light that differs.
+    monitors : one name per projector, in the order of the folders; empty to keep the folders' names.
+    tolerance : dB that pictures may lose if a dense T is factored; 0 keeps T.
+
+    Raises InputError for cameras of different sizes, and for differing ambient light.
     """
     if len(folders) < 2:
         raise InputError(f"{len(folders)} calibration to join: give at least two, of one projector each")
@@ -67,7 +68,7 @@ def join_rooms(
 
 
 def told_colours(projectors: Sequence[Device]) -> list[str]:
-    """Of projectors whose primaries are not those that all share, a line each."""
+    """Return a line per projector whose primaries differ from the shared ones."""
     return [
         f"projector {number}: shows the primaries that all share by up to "
         f"{100 * (1 - np.diag(each.colour).min()):.0f} % of another of its own"
@@ -79,7 +80,7 @@ def told_colours(projectors: Sequence[Device]) -> list[str]:
 def _join(
     folders: Sequence[Path], monitors: Sequence[str], name: str, tolerance: float
 ) -> tuple[Calibration, Transport, float, tuple[Factoring, ...]]:
-    """The joint calibration, its transport, how far ambient light differs, relative to white, and what was factored."""
+    """Return the joint calibration, its transport, the difference of ambient light (share of white), and factorings."""
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
@@ -93,9 +94,11 @@ def _join(
 def joined(
     rooms: Sequence[Calibration], transports: Sequence[Transport], names: Sequence[str]
 ) -> tuple[Calibration, Transport]:
-    """Rooms of one camera as one, with the name and the ambient light of the first.
+    """Join rooms of one camera; name and ambient light come from the first.
 
-    names : for messages.  Raises InputError for projectors that have no white in common.
+    names : for error messages.
+
+    Raises InputError for projectors that have no white in common.
     """
     colours, primaries = _join_colours(rooms, names)
     devices = [_turned(device, D) for room, D in zip(rooms, colours, strict=True) for device in room.projectors]
@@ -107,9 +110,9 @@ def joined(
 def _join_colours(
     rooms: Sequence[Calibration], names: Sequence[str]
 ) -> tuple[tuple[FloatArray | None, ...], NDArray[np.float32] | None]:
-    """The colour matrix of each room, and the light of each shared primary of all together.
+    """Return each room's colour matrix, and the light of the shared primaries of all rooms together.
 
-    None of either unless the primaries were measured of all rooms.
+    Both are None unless the primaries of all rooms were measured.
     """
     found = [room.primaries for room in rooms if room.primaries is not None]
     if len(found) < len(rooms):
@@ -122,7 +125,7 @@ def _join_colours(
 
 
 def _turned(projector: Device, D: FloatArray | None) -> Device:
-    """A projector that shows the primaries that its room has by D of them."""
+    """Return a projector that shows the shared primaries: D maps them to its own."""
     if D is None:
         return projector
     turned = D if projector.colour is None else np.array(projector.colour) @ D
@@ -130,7 +133,7 @@ def _turned(projector: Device, D: FloatArray | None) -> Device:
 
 
 def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int, int]]) -> Transport:
-    """T of projectors side by side, the first at the left, all at the top of a raster as high as the highest.
+    """Return T of projectors side by side, from the left, aligned at the top of a raster as high as the highest.
 
     shapes : (height, width) of each projector.
     """
@@ -148,13 +151,13 @@ def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int,
 
 
 def _places(region: Region, width: int) -> NDArray[np.int64]:
-    """Index in a raster of `width` columns of each pixel of a region, (pixels,)."""
+    """Return the index of each pixel of a region in a raster of `width` columns, (pixels,)."""
     rows, columns = np.mgrid[region.part]
     return np.asarray((rows * width + columns).ravel(), np.int64)
 
 
 def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
-    """A matrix whose column j stands at places[j] of `columns`."""
+    """Move column j of a matrix to places[j] of `columns`."""
     wide = sparse.csr_array(matrix)
     moved = sparse.csr_array((wide.data, places[wide.indices], wide.indptr), shape=(wide.shape[0], columns))
     moved.sort_indices()
@@ -162,11 +165,11 @@ def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
 
 
 def _join_far(lights: Sequence[FarLight | None], places: Sequence[NDArray[np.int64]], columns: int) -> FarLight | None:
-    """Cells of all projectors, each once; one without far light has none.
+    """Join far light: each projector's cells, shared cells once. Projectors without far light add none.
 
-    places : of each projector's pixels in the raster.
+    places : each projector's pixel indices in the raster.
     """
-    found: list[tuple[FarLight, list[Csr]]] = []  # of different cells, and D of all projectors that light them
+    found: list[tuple[FarLight, list[Csr]]] = []  # distinct cells, and D of all projectors that light them
     for far, at in zip(lights, places, strict=True):
         if far is None:
             continue
@@ -186,14 +189,14 @@ def _join_far(lights: Sequence[FarLight | None], places: Sequence[NDArray[np.int
 def _join_blurred(
     lights: Sequence[BlurredLight | None], places: Sequence[NDArray[np.int64]], columns: int
 ) -> BlurredLight | None:
-    """Cells of all projectors."""
+    """Join the cells of all projectors."""
     parts = [(one, at) for one, at in zip(lights, places, strict=True) if one is not None]
     gathers = [[_columns_at(P, at, columns) for P in channels(one.gather)] for one, at in parts]
     return BlurredLight(*_side_by_side(gathers, [one.scatter for one, _ in parts])) if parts else None
 
 
 def _side_by_side(gathers: Sequence[Sequence[Csr]], scatters: Sequence[SparseRows]) -> tuple[SparseRows, SparseRows]:
-    """Gathers, a matrix a channel, below each other, and scatters beside each other."""
+    """Stack gathers (one matrix per channel) below each other, and scatters next to each other."""
     beside = zip(*(channels(scatter) for scatter in scatters), strict=True)
     return (
         stacked([Csr(sparse.vstack(each)) for each in zip(*gathers, strict=True)]),
@@ -202,7 +205,7 @@ def _side_by_side(gathers: Sequence[Sequence[Csr]], scatters: Sequence[SparseRow
 
 
 def _same_cells(far: FarLight, other: FarLight) -> bool:
-    """Whether what two projectors light indirectly is the same from the cells on."""
+    """Return whether two projectors share the same far light from the cells on."""
     pairs = [(far.mix, other.mix)] + [
         (getattr(far.scatter, name), getattr(other.scatter, name)) for name in ("indptr", "indices", "weights")
     ]
@@ -227,7 +230,7 @@ def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
 
 
 def with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
-    """The projectors with names of monitors, one for each; none to keep what they have."""
+    """Return the projectors with monitor names, one per projector; unchanged without names."""
     if not monitors:
         return tuple(projectors)
     if len(monitors) != len(projectors):
@@ -238,10 +241,10 @@ def with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tupl
 
 
 def _check_ambient(stored: Sequence[StoredCalibration], composition: NDArray[np.float64]) -> float:
-    """The largest difference of the ambient lights, as a share of white; InputError if it is more than noise.
+    """Return the largest difference of ambient light as a share of white; raises InputError above the noise.
 
-    Root mean square over the view, of luminance: at most FRACTION_OF_AMBIENT of the ambient light, or
-    FRACTION_OF_BRIGHT of the brightest floodlit pixels.
+    The difference is the root mean square of luminance over the view. The limit is FRACTION_OF_AMBIENT of the ambient
+    light, or FRACTION_OF_BRIGHT of the brightest floodlit pixels.
     """
     ambient = [one.calibration.ambient.astype(np.float64) @ LUMINANCE for one in stored]
     bright = float(np.percentile(composition @ LUMINANCE, BRIGHT_PERCENTILE))

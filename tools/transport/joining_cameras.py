@@ -1,7 +1,7 @@
-"""Cameras that saw the same projectors, one at a time or together, below each other as one (thesis 4.1.3).
+"""Joins cameras that saw the same projectors, at different times or together, below each other (thesis 4.1.3).
 
-With c = (c₁, c₂, …) the pictures in one raster, the rows of the T_k stand below each other; of the far light M is
-block-diagonal, D has the cells of all below each other, and U those of each camera's own room.
+With c = (c₁, c₂, …) the pictures in one raster, the rows of the T_k are stacked. For far light, M is block-diagonal,
+the D are stacked, and each camera keeps the U of its own room.
 """
 
 from collections.abc import Sequence
@@ -29,15 +29,16 @@ from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import FarLight, Transport
 
-MOST_APART = 0.02  # of white: responses of one projector as two cameras measured it
+MOST_APART = 0.02  # of white: allowed difference between the responses of one projector as measured by two cameras
 
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """How cameras come together.
+    """Options for joining cameras.
 
-    screen : of choices.SCREENS, whose view they share.  keep_exposures : do not match their light where they overlap.
-    tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
+    screen : of choices.SCREENS. The device whose view is the screen.
+    keep_exposures : do not match the cameras' light where they overlap.
+    tolerance : dB that pictures may lose if a dense T is factored; 0 keeps T.
     """
 
     screen: str = "camera"
@@ -54,9 +55,9 @@ def join_cameras(
     name: str | None = None,
     force: bool = False,
 ) -> str:
-    """Write one calibration of the cameras of several; returns a line on the whole and one for each camera.
+    """Write one calibration with the cameras of several; returns a summary and a line per camera.
 
-    Raises InputError for projectors that differ, and for cameras that share nothing.
+    Raises InputError for differing projectors, and for cameras that share nothing.
     """
     if len(folders) < 2:
         raise InputError(f"{len(folders)} calibration to join: give at least two, of the same projectors")
@@ -72,7 +73,7 @@ def join_cameras(
 
 
 def described(calibration: Calibration) -> str:
-    """Cameras, raster and screen in words."""
+    """Describe cameras, raster and screen in words."""
     (height, width), camera = calibration.placed_on, calibration.camera
     return f"{len(calibration.cameras)} cameras, raster {camera.width}x{camera.height}, screen {width}x{height}"
 
@@ -84,13 +85,13 @@ def joined_cameras(
     options: CameraOptions,
     monitors: Sequence[str] = (),
 ) -> SharedRoom:
-    """The cameras of rooms with the same projectors, in the rooms' order."""
+    """Join the cameras of rooms with the same projectors, in the rooms' order."""
     joint, transport = below_each_other(rooms, transports, name, monitors)
     cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
     shared = on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
     room, screen = shared.calibration, shared.calibration.screen
     assert screen is not None
-    before = np.concatenate([each.gains for each in rooms])  # of rooms that had several cameras already
+    before = np.concatenate([each.gains for each in rooms])  # rooms may have had several cameras already
     room = replace(room, screen=replace(screen, gains=room.gains * before))
     return replace(shared, calibration=room)
 
@@ -98,7 +99,7 @@ def joined_cameras(
 def below_each_other(
     rooms: Sequence[Calibration], transports: Sequence[Transport], name: str, monitors: Sequence[str] = ()
 ) -> tuple[Calibration, Transport]:
-    """One room in the raster of all cameras, as if it were of one camera: thesis eq. 4.7."""
+    """Return one room in the raster of all cameras, treated as one camera: thesis eq. 4.7."""
     if any(transport.blurred is not None for transport in transports):
         raise InputError(
             "several cameras cannot have light in blocks of projector pixels; simulate each room with --tolerance 0"
@@ -119,9 +120,9 @@ def below_each_other(
 
 
 def seen_below(transports: Sequence[Transport | None], cameras: Shapes, projector: Shape) -> Transport:
-    """T of several cameras in their raster.
+    """Return T of several cameras in their raster.
 
-    transports : of each, (height · width, projector pixels), None for some that are dark.
+    transports : (height · width, projector pixels) each; None for a dark camera.
     """
     there = [each for each in transports if each is not None]
     ends = np.cumsum([0, *(each.shape[0] for each in there)])
@@ -134,7 +135,7 @@ def seen_below(transports: Sequence[Transport | None], cameras: Shapes, projecto
 
 
 def same_projectors(folders: Sequence[Path]) -> bool:
-    """Whether rooms seem to have the same projectors: monitors of one name, or no names and cameras of other sizes."""
+    """Return whether rooms seem to share projectors: equal monitor names, or no names and different camera sizes."""
     rooms = [calibrations.read(folder).calibration for folder in folders]
     shapes = [[device.shape for device in room.projectors] for room in rooms]
     if any(each != shapes[0] for each in shapes):
@@ -146,7 +147,7 @@ def same_projectors(folders: Sequence[Path]) -> bool:
 
 
 def check_projectors(rooms: Sequence[Calibration], folders: Sequence[Path]) -> None:
-    """InputError for projectors of other sizes, or of responses too far apart."""
+    """Raise InputError for projectors of different sizes, or with responses too far apart."""
     first, codes = rooms[0], np.repeat(np.linspace(0, 1, NODES)[:, None], 3, axis=1)
     for room, folder in zip(rooms[1:], folders[1:], strict=True):
         sizes = [" + ".join(f"{p.width}x{p.height}" for p in each.projectors) for each in (room, first)]
@@ -164,7 +165,7 @@ def check_projectors(rooms: Sequence[Calibration], folders: Sequence[Path]) -> N
 
 
 def _rows_of_rooms(rooms: Sequence[Calibration], cameras: tuple[tuple[int, int], ...]) -> NDArray[np.int64]:
-    """For each pixel of the joint raster its row in the rooms' rows below each other; beside cameras, one after all."""
+    """Return each joint raster pixel's row in the stacked rooms; pixels outside cameras get the row after the last."""
     parts, ends = iter(parts_of(cameras)), np.cumsum([0, *(room.camera.pixels for room in rooms)])
     rows = np.full(raster_of(cameras), ends[-1])
     for room, start in zip(rooms, ends, strict=False):
@@ -175,7 +176,7 @@ def _rows_of_rooms(rooms: Sequence[Calibration], cameras: tuple[tuple[int, int],
 
 
 def _below(pictures: Sequence[NDArray[Any]], rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[Any]:
-    """Pictures of rooms in the joint raster, 0 beside cameras."""
+    """Arrange pictures of rooms in the joint raster; 0 outside cameras."""
     beside = np.zeros((1, *pictures[0].shape[2:]), pictures[0].dtype)
     flat = np.concatenate([*(each.reshape(-1, *each.shape[2:]) for each in pictures), beside])
     return np.asarray(flat[rows].reshape(*shape, *flat.shape[1:]))
@@ -184,7 +185,7 @@ def _below(pictures: Sequence[NDArray[Any]], rows: NDArray[np.int64], shape: tup
 def _primaries(
     rooms: Sequence[Calibration], rows: NDArray[np.int64], shape: tuple[int, int]
 ) -> NDArray[np.float32] | None:
-    """None unless every room has them."""
+    """Join the rooms' primaries; None unless every room has them."""
     found = [room.primaries for room in rooms if room.primaries is not None]
     if len(found) < len(rooms):
         return None
@@ -192,7 +193,7 @@ def _primaries(
 
 
 def _stacked(parts: Sequence[SparseRows], starts: Sequence[int]) -> SparseRows:
-    """Rows below each other and an empty one; starts : of each part's columns."""
+    """Stack rows and append an empty row. starts : first column of each part."""
     ends = np.cumsum([0, *(part.indices.size for part in parts)])
     indptr = [part.indptr[1:] + start for part, start in zip(parts, ends, strict=False)]
     columns = max(start + part.columns for part, start in zip(parts, starts, strict=True))
@@ -205,7 +206,7 @@ def _stacked(parts: Sequence[SparseRows], starts: Sequence[int]) -> SparseRows:
 
 
 def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarLight | None:
-    """Each room's own cells; a room without far light has none."""
+    """Join far light; each room keeps its own cells, and a room without far light has none."""
     if all(transport.far is None for transport in transports):
         return None
     parts = [transport.far or _none(transport) for transport in transports]
@@ -219,7 +220,7 @@ def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarL
 
 
 def _same_cells(part: FarLight, other: FarLight) -> bool:
-    """As of one simulated room."""
+    """Return whether two rooms share cells, as in one simulated room."""
     pairs = [(part.mix, other.mix)] + [
         (getattr(part.gather, name), getattr(other.gather, name)) for name in ("indptr", "indices", "weights")
     ]
@@ -227,7 +228,7 @@ def _same_cells(part: FarLight, other: FarLight) -> bool:
 
 
 def _none(transport: Transport) -> FarLight:
-    """Far light without cells."""
+    """Return far light without cells."""
     nothing, weights = np.empty(0, np.int32), np.empty((0, 3), np.float32)
     camera, projector = transport.shape
     empty = SparseRows(np.zeros(camera + 1, np.int64), nothing, weights, 0)

@@ -1,7 +1,7 @@
-"""Views of one room, calibrated one at a time from different places, as a set that a viewer moves in (thesis 6.4).
+"""Joins views of one room, calibrated one at a time from different places, as a set for moving viewers (thesis 6.4).
 
-Each stays a calibration of its own. What they share is a screen, so that a picture stays where it is on the wall, and
-the first one's exposure.
+Each view remains a separate calibration. The views share a screen, so that a picture stays in place on the wall, and
+the first view's exposure.
 """
 
 from collections.abc import Sequence
@@ -35,9 +35,9 @@ def join_views(
     name: str | None = None,
     force: bool = False,
 ) -> str:
-    """Write a set of the views in several calibrations; returns a line on the whole and one for each view.
+    """Write a set of views from several calibrations; returns a summary and a line per view.
 
-    Raises InputError for projectors or cameras that differ, and for views that share nothing.
+    Raises InputError for differing projectors or cameras, and for views that share nothing.
     """
     if len(folders) != len(places.at):
         raise InputError(f"{len(folders)} calibrations, {len(places.at)} places; give --at X[,Y] once for each")
@@ -63,7 +63,7 @@ def on_shared_screen(
     options: CameraOptions,
     monitors: Sequence[str] = (),
 ) -> tuple[list[View], tuple[Placed, ...]]:
-    """Each view by itself, placed and as bright as it would be among the cameras of one room (shared_screen.py)."""
+    """Return each view separately, placed and scaled in brightness as a camera of a joined room (shared_screen.py)."""
     for number, room in enumerate(rooms, 1):
         if room.screen is not None:
             raise InputError(f"view {number} is of {len(room.cameras)} cameras; a view has one, join views of one each")
@@ -83,7 +83,7 @@ def on_shared_screen(
 
 
 def write_views(views: Sequence[View], places: Places, stage: Path) -> None:
-    """Fill a stage with a set."""
+    """Write a set of views to a staging folder."""
     folders = folders_of(stage, len(views))
     for (room, transport), folder in zip(views, folders, strict=True):
         folder.mkdir(parents=True)
@@ -93,7 +93,7 @@ def write_views(views: Sequence[View], places: Places, stage: Path) -> None:
 
 
 def described(views: Sequence[View]) -> str:
-    """Views and screen in words."""
+    """Describe views and screen in words."""
     room = views[0][0]
     (height, width), camera = room.placed_on, room.camera
     return f"{len(views)} views of {camera.width}x{camera.height}, screen {width}x{height}"

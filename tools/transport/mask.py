@@ -1,4 +1,4 @@
-"""Which camera pixels count: those that the projector lights clearly (mask.png)."""
+"""Finds the camera pixels that count: those that the projector lights clearly (mask.png)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,9 @@ from counterlight.pipeline.content import BRIGHT_PERCENTILE, FRACTION_OF_BRIGHT
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import CUT, cut_by_edges
 
-DARK_PAINT = 0.01  # of the bright pixels' near light, which has no far light to tell apart
+DARK_PAINT = 0.01  # of the bright pixels' near light, where far light cannot be mistaken for it
 FRACTION_OF_AMBIENT = 0.02
-CLEAR = 5.0  # times the noise
+CLEAR = 5.0  # in multiples of the noise
 
 
 def directly_lit(
@@ -20,9 +20,11 @@ def directly_lit(
     projector: tuple[int, int],
     noise: FloatArray | None = None,
 ) -> NDArray[np.bool_]:
-    """Camera pixels that count without their far light, and whose footprints the raster's edge does not cut.
+    """Return camera pixels that count without their far light, and whose footprints are not cut by the raster's edge.
 
-    ambient : (height, width, 3).  projector : (height, width).  noise : as of `lit_pixels`.
+    ambient : (height, width, 3).
+    projector : (height, width).
+    noise : as in `lit_pixels`.
     """
     near = transport.without_far.composition().reshape(ambient.shape)
     lit, camera = lit_pixels(near, ambient, noise, DARK_PAINT), (ambient.shape[0], ambient.shape[1])
@@ -36,20 +38,23 @@ def lit_pixels(
     noise: FloatArray | None = None,
     share: float = FRACTION_OF_BRIGHT,
 ) -> NDArray[np.bool_]:
-    """Camera pixels that white floodlight raises clearly above ambient.
+    """Return the camera pixels that white floodlight raises clearly above ambient.
 
-    With y the luminance of T·1, a that of e and n of the noise, a pixel is lit if y ≥ max(share · y₉₉, 0.02 · a, 5 n),
-    y > 0, where y₉₉ is the 99th percentile of the pixels that rise at all: neither a highlight moves it, nor how much
-    of the view is dark.
+    With y the luminance of T·1, a of e and n of the noise, a pixel is lit if y ≥ max(share · y₉₉, 0.02 · a, 5 n) and y
+    > 0. y₉₉ is the 99th percentile of the pixels that rise at all, so neither a highlight nor the dark part of the view
+    affects it.
 
-    - 5 % of the bright pixels drops stray light and the dimmer far light outside the projector's beam. Far light
-      brighter than that (a white room) is not told from direct light by its level: where the near part of T is known
-      apart, pass its composition alone, and 1 %, which keeps dark paint and ink (3 to 5 % of white paper).
-    - 2 % of ambient is what a lamp's flicker reaches, and what a camera's noise does where nobody measured it; a
-      smaller rise is no measurement.
+    - 5 % of the bright pixels excludes stray light and the dimmer far light outside the projector's beam. Brighter far
+      light (a white room) cannot be told from direct light by its level. If the near part of T is known, pass its
+      composition and 1 %, which keeps dark paint and ink (3 to 5 % of white paper).
+    - 2 % of ambient is the flicker of a lamp, or the noise of a camera whose noise was not measured; a smaller rise is
+      no measurement.
 
-    composition : (height, width, 3), T·1, without ambient light.  ambient : (height, width, 3), e, the same unit.
-    noise : (3,), standard deviation of a pixel's rise from black to floodlight; None where nobody measured it.
+    composition : (height, width, 3). T·1, without ambient light.
+    ambient : (height, width, 3). e, in the same unit.
+    noise : (3,). Standard deviation of a pixel's rise from black to floodlight; None if not measured.
+    share : of the bright pixels.
+
     Returns (height, width) bool; all False if nothing rises.
     """
     rise, background = np.asarray(composition) @ LUMINANCE, np.asarray(ambient) @ LUMINANCE

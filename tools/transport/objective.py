@@ -1,10 +1,11 @@
-"""What map, refinement, box and certificate all minimise, a channel (docs/mathematics.md 2):
+"""The objective that map, refinement, box and certificate all minimise, per channel (docs/mathematics.md 2):
 
     ½ Σ w (T p − b)²  +  ½ Σ η p²  +  ½ Σ ω (p_j − p_k)²,        0 ≤ p ≤ 1.
 
-w : how far a camera pixel is to be trusted (trust.py).  η : towards darkness, of projector pixels that no camera pixel
-sees, or that cameras see by gloss (gloss.py, if asked for).  ω : between neighbours, so that the picture stands a
-drift of the projector.
+w : trust in a camera pixel (trust.py).
+η : damping of projector pixels that no camera pixel sees, or, with --avoid-highlights, that cameras see by gloss
+    (gloss.py).
+ω : ties between neighbours, so that the picture tolerates a drift of the projector.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,23 +32,26 @@ from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import LEAST_TRUST, camera_pixels, seen, trust
 
-FAINTEST = 1e-12  # of the largest: a projector pixel whose d is below lights nothing, and its step would overflow
-FINEST = 1e-6  # of ½ Σ w b²: an error 60 dB below the target needs no finer certificate
-HARDLY_SEEN = 0.02  # of what is seen of most projector pixels: the prior is then as strong as what the camera says
-FALL = 4  # the power by which the prior vanishes where more is seen: 2e-7 of d where all is
+FAINTEST = 1e-12  # of the largest d; projector pixels below it light nothing, and their step would overflow
+FINEST = 1e-6  # of ½ Σ w b²; an error 60 dB below the target needs no finer certificate
+HARDLY_SEEN = 0.02  # of the usual visibility; at this value, the prior is as strong as the camera's data
+FALL = 4  # the power by which the prior fades with visibility: 2e-7 of d for fully seen pixels
 HARDLY_LIT = 3e-4  # of the usual d: pixels of a bright room have 0.001 to 0.15 by far light alone, noise 0.00001
 BY_FAR_LIGHT = 1e-3  # of d: 0.005 costs folded_cards 0.5 dB of an even grey, this 0.2
-ALONE = 0.9  # of d: a mere rest is direct
+ALONE = 0.9  # of d: a pixel with a larger share of far light counts as seen by far light alone
 TINY, LARGEST = 1e-30, 1e6
-AVOIDED = 0.05  # of d, where all light is gloss: nothing where others can light it, a twentieth less where none can
-STIFFNESS = 0.03  # of d: what ties pixels that nobody sees to their neighbours (--outside continue)
+# of d if all light is gloss: no loss where other projectors can light the place, a twentieth less where none can
+AVOIDED = 0.05
+STIFFNESS = 0.03  # of d: ties of unseen pixels to their neighbours (--outside continue)
 
 
 @dataclass(frozen=True)
 class ObjectiveOptions:
-    """drift : σ, projector pixels by which the picture may shift.  outside : of choices.OUTSIDE, what nobody sees.
+    """Options of the objective.
 
-    avoid_highlights : let another projector light what the camera sees by gloss (gloss.py).
+    drift : σ, projector pixels by which the picture may shift.
+    outside : of choices.OUTSIDE. Treatment of pixels that no camera sees.
+    avoid_highlights : use another projector where the camera sees gloss (gloss.py).
     """
 
     drift: float = 0.05
@@ -67,13 +71,15 @@ INDEPENDENT = Mixing()
 
 @dataclass(frozen=True)
 class Objective:
-    """One room's; p is (projector pixels, 3), b (camera pixels, 3).
+    """The objective of one room; p is (projector pixels, 3), b (camera pixels, 3).
 
-    T : the rows of camera pixels without weight are empty.  weights : w, (camera pixels,).
-    seen : (projector pixels,), how well trusted camera pixels see each, 1 for as well as most.
-    lit : (camera pixels,), those that figures refer to; None for all.
-    bounds : no camera pixel is asked for what it cannot have by itself: its neighbours would be spoiled in vain.
-    mixing : of the camera's colours, in which what it is asked for instead is nearest.
+    T : transport; rows of camera pixels without weight are empty.
+    weights : w, (camera pixels,).
+    seen : (projector pixels,). How well trusted camera pixels see each pixel, 1 for most pixels.
+    bounds : whether b is limited to what each camera pixel can have by itself; otherwise its neighbours would be
+        spoiled in vain.
+    mixing : mixing of the camera's colours, which defines the nearest possible light.
+    lit : (camera pixels,). Pixels that figures refer to; None for all.
     """
 
     T: Transport
@@ -86,16 +92,16 @@ class Objective:
 
     @classmethod
     def plain(cls, T: Transport) -> "Objective":
-        """½‖T p − b‖² alone, whatever b is."""
+        """Return ½‖T p − b‖² alone, for unlimited b."""
         return cls(T, np.ones(T.shape[0]), None, np.ones(T.shape[1]), bounds=False)
 
     @cached_property
     def unweighted(self) -> "Objective":
-        """½‖T p − b‖² over the lit camera pixels: its optimum is the zero of every "dB below the best"."""
+        """½‖T p − b‖² over the lit camera pixels. Its optimum is the zero of every "dB below the best"."""
         return replace(self.plain(self.T if self.lit is None else self.T.inside(self.lit)), lit=self.lit)
 
     def lit_picture(self, calibration: Calibration) -> BoolArray:
-        """The lit camera pixels, (camera height, camera width)."""
+        """Return the lit camera pixels, (camera height, camera width)."""
         lit = np.ones(self.T.shape[0], bool) if self.lit is None else self.lit
         return lit.reshape(calibration.camera.shape)
 
@@ -105,13 +111,13 @@ class Objective:
         return self.T.scaled(self.weights).T
 
     def bounded(self, b: FloatArray) -> FloatArray:
-        """b as it is solved for: 0 to T·1."""
+        """Return b limited to 0..T·1, as solved for."""
         return np.asarray(self.mixing.within(b, self._most), np.float64) if self.bounds else b
 
     def light_outside(self, drive: FloatArray, plain: FloatArray | None = None) -> float | None:
-        """Drive of what the camera does not see, as a share of what it is in `plain`; None where that is nothing.
+        """Return the drive of unseen pixels, relative to their drive in `plain`; None if that is 0.
 
-        drive, plain : (projector pixels, 3); None: full drive.
+        drive, plain : (projector pixels, 3). None for full drive.
         """
         unseen = np.maximum(1 - self.seen, 0)[:, None]
         usual = float(np.sum(unseen * (np.ones_like(drive) if plain is None else plain)))
@@ -124,12 +130,12 @@ class Objective:
 
     @cached_property
     def curvature(self) -> FloatArray:
-        """d + η + 2 Σ ω, d = TᵀW T·1: its diagonal bounds the Hessian, since T ≥ 0. (projector pixels, 3)"""
+        """d + η + 2 Σ ω with d = TᵀW T·1, (projector pixels, 3). As T ≥ 0, this diagonal bounds the Hessian."""
         return self._sums if self.prior is None else self._sums + self.prior.bound.reshape(-1, 3)
 
     @property
     def heard(self) -> FloatArray:
-        """d / (d + η), 1 where the camera alone speaks, (projector pixels, 3)."""
+        """d / (d + η), (projector pixels, 3); 1 where only the camera's data count."""
         if self.prior is None:
             return np.ones((self.T.shape[1], 3))
         d, damping = self._sums, self.prior.damping.reshape(-1, 3)
@@ -149,16 +155,16 @@ class Objective:
 
     @cached_property
     def step_size(self) -> FloatArray:
-        """1 / curvature; 0 where nothing is lit and nothing draws."""
+        """1 / curvature; 0 for pixels without light and prior."""
         total = self.curvature
         return np.divide(1.0, total, out=np.zeros_like(total), where=total > FAINTEST * total.max(initial=0.0))
 
     def descent(self, p: FloatArray, b: FloatArray) -> FloatArray:
-        """TᵀW (b − T p) − P p, against the gradient; b bounded."""
+        """Return TᵀW (b − T p) − P p, the negative gradient. b must be bounded."""
         return self.dual.apply(b - self.T.apply(p)) - self._pull(p)
 
     def steps(self, p: FloatArray, b: FloatArray) -> Iterator[FloatArray]:
-        """p, and what the player's steps make of it, one after the other without an end; b bounded."""
+        """Yield p and then every further step of the player, without end. b must be bounded."""
         y = p
         for step in count(1):
             yield p
@@ -167,7 +173,7 @@ class Objective:
             p = q
 
     def certificate(self, p: FloatArray, b: FloatArray, upper: float = 1.0) -> Certificate:
-        """The bound at any 0 ≤ p ≤ upper; of weighted errors where there are weights, the prior's share left out."""
+        """Return the bound for any 0 ≤ p ≤ upper. The error is weighted, without the prior's term."""
         residual = self.bounded(b) - self.T.apply(p)
         gradient = self._pull(p) - self.dual.apply(residual)
         reach = upper if np.isfinite(upper) else np.maximum(1.0, 2 * p.max(axis=0, initial=0.0))
@@ -175,12 +181,12 @@ class Objective:
         return Certificate(np.sum(self.weights[:, None] * residual**2, axis=0), gap)
 
     def value(self, p: FloatArray, b: FloatArray) -> FloatArray:
-        """The objective, (3,)."""
+        """Return the objective, (3,)."""
         squares = self.weights[:, None] * (self.bounded(b) - self.T.apply(p)) ** 2
         return np.asarray((squares.sum(axis=0) + np.sum(p * self._pull(p), axis=0)) / 2)
 
     def relative_gap(self, p: FloatArray, b: FloatArray, upper: float = 1.0) -> FloatArray:
-        """The gap as a share of the objective, (3,), or of ½ Σ w b² 60 dB down if that is more."""
+        """Return the gap relative to the objective, (3,), or relative to ½ Σ w b² minus 60 dB if that is larger."""
         found, target = self.certificate(p, b, upper), np.sum(self.weights[:, None] * b**2, axis=0)
         scale = np.maximum(self.value(p, b), FINEST * target / 2)
         return np.asarray(np.divide(found.gap, scale, out=np.zeros_like(scale), where=scale > 0))
@@ -196,7 +202,7 @@ class Objective:
 def objective_of(
     transport: Transport, calibration: Calibration, options: ObjectiveOptions, mixing: Mixing = INDEPENDENT
 ) -> Objective:
-    """A calibrated room's.  mixing : between T's light and the camera's colours."""
+    """Return the objective of a calibrated room. mixing : between T's light and the camera's colours."""
     projector, regions = calibration.projector.shape, calibration.regions
     trusted = _trust(transport, calibration)
     T = transport.inside(trusted > 0)
@@ -207,7 +213,7 @@ def objective_of(
 
 
 def _off_highlights(objective: Objective, prior: Prior, calibration: Calibration) -> Prior:
-    """The prior, and what draws pixels that are seen by gloss towards darkness."""
+    """Return the prior with additional damping for pixels that are seen by gloss."""
     projector, regions = calibration.projector.shape, calibration.regions
     if len(regions) == 1:
         raise InputError("--avoid-highlights: of one projector; leave it out, or join a second one (counterlight join)")
@@ -217,7 +223,7 @@ def _off_highlights(objective: Objective, prior: Prior, calibration: Calibration
 
 
 def _trust(T: Transport, calibration: Calibration) -> FloatArray:
-    """Camera by camera: what is around a pixel is in its own picture."""
+    """Return the trust in each camera pixel, per camera, because neighbourhoods belong to one camera's picture."""
     if calibration.screen is None:
         return trust(T, calibration.mask, calibration.projector.shape)
     weights = np.zeros(calibration.mask.shape)
@@ -247,7 +253,7 @@ def _prior(
 
 
 def _diagonal(T: Transport, weights: FloatArray) -> FloatArray:
-    """Of (S + B P)ᵀW(S + B P), (projector pixels, 3): no row has light of one pixel in two of its entries or cells."""
+    """Return the diagonal of (S + B P)ᵀW(S + B P), (projector pixels, 3). A row addresses each pixel only once."""
     diagonal = _squares(T.near, weights[:, None])
     if T.blurred is not None:
         diagonal += _squares(T.blurred.gather, _squares(T.blurred.scatter, weights[:, None]))
@@ -255,7 +261,7 @@ def _diagonal(T: Transport, weights: FloatArray) -> FloatArray:
 
 
 def _squares(rows: SparseRows, weights: FloatArray) -> FloatArray:
-    """Σ_i w_i A_ij² of every column, (columns, 3); weights : (rows, 1 or 3)."""
+    """Return Σ_i w_i A_ij² of every column, (columns, 3). weights : (rows, 1 or 3)."""
     each = np.broadcast_to(weights, (rows.shape[0], 3))
     squares = [
         np.bincount(rows.indices, each[rows.rows, i] * rows.weights[:, i].astype(np.float64) ** 2, rows.columns)
@@ -265,12 +271,13 @@ def _squares(rows: SparseRows, weights: FloatArray) -> FloatArray:
 
 
 def _hold(d: FloatArray, far: FloatArray, shown: FloatArray) -> FloatArray:
-    """How strongly a projector pixel is held for want of being seen, (projector pixels, 3); at most as d usually is.
+    """Return the damping of each projector pixel due to low visibility, (projector pixels, 3); at most the usual d.
 
-    Seen directly: d (0.02 / shown)⁴. By far light alone: d (0.0003 / d)⁴, in shares of the usual d, and at least
-    0.001 d: many such pixels together may brighten a room, and noise may not.
+    Pixels seen directly: d (0.02 / shown)⁴. Pixels seen by far light alone: d (0.0003 / d)⁴, in shares of the usual d,
+    and at least 0.001 d: many such pixels together may brighten a room, but noise may not.
 
     far : the part of d that is far light.
+    shown : visibility of each pixel.
     """
     usual = np.median(d[shown > 0.5], axis=0) if np.any(shown > 0.5) else d.max(axis=0, initial=0.0)
     light = np.divide(d, usual, out=np.zeros_like(d), where=usual > 0)
@@ -278,13 +285,13 @@ def _hold(d: FloatArray, far: FloatArray, shown: FloatArray) -> FloatArray:
     hardly = np.where(alone, HARDLY_LIT / np.maximum(light, TINY), HARDLY_SEEN / np.maximum(shown, TINY)[:, None])
     strength = np.minimum(hardly, LARGEST) ** FALL
     held = np.minimum(np.where(alone, np.maximum(strength, BY_FAR_LIGHT), strength) * d, usual)
-    return np.where(d > 0, held, usual)  # factors of a dense T may leave a little less than nothing
+    return np.where(d > 0, held, usual)  # factors of a dense T may give slightly negative values
 
 
 def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatArray]:
-    """1 − κ of pixels and their neighbours on the right, and below; 1 where too little is seen to know κ.
+    """Yield 1 − κ of pixels and their right neighbours, then lower neighbours; 1 if too little is seen to know κ.
 
-    Where a projector pixel makes up less than a camera pixel, neighbours look alike for want of pixels.
+    If a projector pixel fills less than a camera pixel, neighbours look alike only because of the coarse camera.
     """
     made = camera_pixels(objective.T, objective.weights > 0)
     known = np.minimum(np.minimum(objective.seen, made), 1).reshape(projector)
@@ -293,7 +300,7 @@ def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatAr
 
 
 def owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
-    """The number of each pixel's projector, (projector height, projector width); -1 where there is none."""
+    """Return the number of each pixel's projector, (projector height, projector width); -1 for none."""
     owner = np.full(projector, -1 if regions else 0)
     for number, region in enumerate(regions):
         owner[region.part] = number
@@ -303,9 +310,11 @@ def owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.
 def _ties(
     root: FloatArray, stiff: FloatArray, apart: FloatArray, owner: NDArray[np.int64], axis: int
 ) -> NDArray[np.float32]:
-    """ω between each pixel and the next along an axis, 0 at the end and from one projector to another.
+    """Return ω between each pixel and the next along an axis; 0 at the end and between projectors.
 
-    root : σ √diag(TᵀWT); so a dark pixel is not drawn to a bright one.  apart : of each and the next.
+    root : σ √diag(TᵀWT). The product of two roots keeps a dark pixel from being tied to a bright one.
+    stiff : additional stiffness of each pixel.
+    apart : 1 − κ of each pixel and the next.
     """
     count = owner.shape[axis] - 1
     pairs = [(np.take(each, range(count), axis), np.take(each, range(1, count + 1), axis)) for each in (root, stiff)]

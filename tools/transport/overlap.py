@@ -1,8 +1,8 @@
-"""How alike the camera sees projector pixels that are neighbours: the cosine between their footprints in T,
+"""Similarity of neighbouring projector pixels for the camera: the cosine between their footprints in T,
 
     κ_jk = Σ w T_ij T_ik / √(Σ w T_ij² · Σ w T_ik²).
 
-0 where no camera pixel sees both, nearly 1 far out of focus: light may move from one to the other, and nobody sees it.
+κ is 0 if no camera pixel sees both, and nearly 1 far out of focus, where light may move between them unnoticed.
 """
 
 from collections.abc import Iterator
@@ -12,14 +12,15 @@ import numpy as np
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.transport.transport import Csr, Transport, channel, luminance_matrix
 
-MOST_ENTRIES = 1 << 26  # of rows written out; of more, some camera pixels are drawn: each projector pixel has hundreds
+MOST_ENTRIES = 1 << 26  # entries to process; larger T are sampled by camera pixels: each projector pixel has hundreds
 AT_ONCE = 1 << 21
 
 
 def overlap(T: Transport, weights: FloatArray, projector: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """κ of each pixel and the next on its right, and below, (projector height, projector width); 0 where none is.
+    """Return κ of each pixel with its right and lower neighbour, (projector height, projector width); 0 without one.
 
-    T : of which far light is left aside.  weights : w, (camera pixels,).
+    T : transport; far light is ignored.
+    weights : w, (camera pixels,).
     """
     width, count = projector[1], T.shape[1]
     sums = [np.zeros(count) for _ in range(3)]
@@ -34,7 +35,7 @@ def overlap(T: Transport, weights: FloatArray, projector: tuple[int, int]) -> tu
 
 
 def lengths_of(T: Transport) -> FloatArray:
-    """Entries of each camera pixel, blurred light written out, (camera pixels,)."""
+    """Return the entries of each camera pixel, with blurred light written out, (camera pixels,)."""
     lengths = T.near.lengths.astype(np.float64)
     if T.blurred is not None:
         scatter = T.blurred.scatter
@@ -43,13 +44,13 @@ def lengths_of(T: Transport) -> FloatArray:
 
 
 def batches(rows: IntArray, lengths: FloatArray) -> Iterator[IntArray]:
-    """Some camera pixels after the others, of at most about AT_ONCE entries together.  lengths : of all pixels."""
+    """Yield batches of camera pixels with about AT_ONCE entries. lengths : of all pixels."""
     ends = np.cumsum(lengths[rows])
     yield from np.split(rows, np.searchsorted(ends, np.arange(AT_ONCE, ends[-1] if ends.size else 0, AT_ONCE)))
 
 
 def _drawn(lengths: FloatArray, weights: FloatArray) -> IntArray:
-    """Camera pixels of some weight, all or as many as have MOST_ENTRIES."""
+    """Return camera pixels with weight: all, or a random sample with MOST_ENTRIES entries."""
     rows = np.flatnonzero((weights > 0) & (lengths > 0))
     share = MOST_ENTRIES / max(lengths[rows].sum(), 1)
     if share < 1:
@@ -58,7 +59,7 @@ def _drawn(lengths: FloatArray, weights: FloatArray) -> IntArray:
 
 
 def _written_out(T: Transport, factors: FloatArray) -> Csr:
-    """Its luminance, cells as pixels, every row times its factor."""
+    """Return the luminance of T with cells written out as pixels, every row multiplied by its factor."""
     light = luminance_matrix(T.near)
     if T.blurred is not None:
         light = Csr(light + luminance_matrix(T.blurred.scatter) @ channel(T.blurred.gather, 0))
@@ -67,7 +68,7 @@ def _written_out(T: Transport, factors: FloatArray) -> Csr:
 
 
 def _shared(light: Csr, offset: int) -> FloatArray:
-    """Σ_i A_ij A_i,j+offset, (columns,)."""
+    """Return Σ_i A_ij A_i,j+offset, (columns,)."""
     shape = light.shape[0], light.shape[1] + offset
     here, beside = (Csr((light.data, light.indices + by, light.indptr), shape=shape) for by in (offset, 0))
     both = Csr(here.multiply(beside))

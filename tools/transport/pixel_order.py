@@ -1,7 +1,7 @@
-"""Checks that the pixels of a T from elsewhere are numbered as its sizes say: row by row, from the upper left.
+"""Checks that the pixels of an imported T are numbered as its sizes say: row by row, from the upper left.
 
-A matrix does not say how wide its pictures are, and width and height are easily swapped. For the right sizes, two
-pixels one above the other exchange light with places close to each other; for swapped sizes, with places far apart.
+A matrix does not state its pictures' widths, and width and height are easily swapped. With the right sizes, two
+vertically adjacent pixels exchange light with nearby places; with swapped sizes, with distant places.
 """
 
 from collections.abc import Callable
@@ -22,17 +22,17 @@ Reading: TypeAlias = tuple[Shape, Shape]  # camera and projector, (height, width
 # Right sizes: at most 1.2 times as rough, in 100 random rooms of each of 32 kinds; the shipped scenes have no smooth
 # other reading. Swapped sizes: 2.0 to 36 times, in the shipped scenes from 12x9 pixels on.
 ROUGHER = 2.0
-SMOOTH = 0.25  # roughness; the shipped scenes have 0.22 and less from 12x9 pixels on, random numbers 0.8 to 1.3
-LEAST_SIDE = 8  # pixels; in thinner pictures, one row is a large part of the height
+SMOOTH = 0.25  # roughness; shipped scenes have at most 0.22 from 12x9 pixels on, random numbers 0.8 to 1.3
+LEAST_SIDE = 8  # pixels; in smaller pictures, one row is a large part of the height
 LEAST_PAIRS = 8
 LIT = 0.01  # of the floodlight's 99th percentile
 
 
 @dataclass(frozen=True)
 class Misreading:
-    """Sizes for which T is rough, and swapped ones for which T is smooth.
+    """The given sizes, for which T is rough, and swapped sizes, for which T is smooth.
 
-    roughness : of both, median distance as `_roughness` returns it.
+    roughness : of both readings, median distance as `_roughness` returns it.
     """
 
     given: Reading
@@ -40,7 +40,7 @@ class Misreading:
     roughness: tuple[float, float]
 
     def described(self, size: Callable[[Shape], str]) -> str:
-        """Both readings in words; `size` prints one (height, width)."""
+        """Describe both readings in words; `size` formats one (height, width)."""
         (rough, fine), given, smooth = (
             self.roughness,
             *(
@@ -55,9 +55,11 @@ class Misreading:
 
 
 def misreading(near: SparseRows, camera: Shape, projector: Shape) -> Misreading | None:
-    """Looks for swapped sizes; None where T is not smoother for them, or has too few pixels to tell.
+    """Look for swapped sizes; None if T is not smoother for them, or has too few pixels to tell.
 
-    near : (camera pixels, projector pixels), before it is factored.  camera, projector : (height, width).
+    near : (camera pixels, projector pixels), before it is factored.
+    camera, projector : (height, width).
+
     Square pictures cannot be told from their transposes.
     """
     if min(*camera, *projector) < LEAST_SIDE:
@@ -70,11 +72,12 @@ def misreading(near: SparseRows, camera: Shape, projector: Shape) -> Misreading 
 
 
 def roughnesses(near: SparseRows, camera: Shape, projector: Shape) -> dict[Reading, float]:
-    """How rough T is for the given sizes, which come first, and for swapped ones; infinite where nobody can tell."""
+    """Return the roughness of T for the given sizes, which come first, and for swapped ones; infinite if unknown."""
     weights = near.weights.sum(axis=1, dtype=np.float32)
     weights /= max(float(weights.max(initial=0.0)), 1e-30)  # squares stay within float32 in any unit
     T = Csr((weights, near.indices, near.indptr), shape=near.shape)
-    squares = Csr((weights * weights, near.indices, near.indptr), shape=near.shape)  # direct light outweighs indirect
+    # direct light outweighs indirect light
+    squares = Csr((weights * weights, near.indices, near.indptr), shape=near.shape)
     cameras, projectors = _Side(T, squares), _Side(Csr(T.T), Csr(squares.T))
     return {
         (c, p): max(cameras.roughness(c, camera, p), projectors.roughness(p, projector, c))
@@ -84,15 +87,19 @@ def roughnesses(near: SparseRows, camera: Shape, projector: Shape) -> dict[Readi
 
 
 def _orders(shape: Shape) -> list[Shape]:
-    """A picture's size and, unless it is square, the swapped one."""
+    """Return a picture's size and, unless it is square, the swapped size."""
     return list(dict.fromkeys([shape, shape[::-1]]))
 
 
 class _Side:
-    """The pixels of one device, and where on the other device their light comes from or goes to."""
+    """The pixels of one device, and the places on the other device that they exchange light with."""
 
     def __init__(self, T: Csr, squares: Csr) -> None:
-        """T : (pixels of this device, pixels of the other one), and its entries squared."""
+        """Prepare one side.
+
+        T : (pixels of this device, pixels of the other).
+        squares : T with squared entries.
+        """
         light = np.asarray(T.sum(axis=1))
         self._lit: BoolArray = light > LIT * np.percentile(light, 99)
         self._squares, self._sums = squares, np.maximum(squares.sum(axis=1), 1e-30)
@@ -100,11 +107,14 @@ class _Side:
         self._random = np.random.default_rng(0).permutation(lit), lit
 
     def roughness(self, shape: Shape, given: Shape, other: Shape) -> float:
-        """Median distance of vertical neighbours' light on the other device, 1 being the distance of random pixels.
+        """Return the median distance between vertical neighbours' light on the other device, relative to random pixels.
 
-        shape : this device's reading; `given` is the one that the caller named.  other : the other device's reading.
-        A swapped reading must be smooth, too, where a row of `given` ends within one of its own rows.
-        Infinite for too few lit pixels.
+        shape : this device's reading.
+        given : the reading that the caller named.
+        other : the other device's reading.
+
+        A swapped reading must also be smooth where a row of `given` ends inside one of its own rows. Returns infinity
+        for too few lit pixels.
         """
         places, pixels = self._places(other), np.arange(self._lit.size)
         pairs = [(pixels[: -shape[1]], pixels[shape[1] :])]
@@ -117,12 +127,12 @@ class _Side:
         return max(distances) / at_random if 0 < at_random < np.inf else np.inf
 
     def _places(self, other: Shape) -> FloatArray:
-        """Centre of each pixel's light on the other device, (pixels, 2), in pixels."""
+        """Return the centre of each pixel's light on the other device, (pixels, 2), in pixels."""
         rows_columns = np.stack(np.divmod(np.arange(other[0] * other[1]), other[1]), axis=1).astype(np.float32)
         return np.asarray(self._squares @ rows_columns / self._sums[:, None], np.float64)
 
     def _median(self, places: FloatArray, first: IntArray, second: IntArray) -> float:
-        """Distance of pairs of lit pixels; infinite for too few."""
+        """Return the median distance between pairs of lit pixels; infinite for too few pairs."""
         both: NDArray[np.bool_] = self._lit[first] & self._lit[second]
         if both.sum() < LEAST_PAIRS:
             return np.inf

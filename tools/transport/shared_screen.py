@@ -1,7 +1,7 @@
-"""Where several cameras' pixels look on one screen, and how bright each camera is beside the others: from T alone.
+"""Finds where the pixels of several cameras look on one screen, and their relative brightness, from T alone.
 
-The screen is the view of one device, the first camera or the first projector, continued over what only others see. The
-cameras are taken one after the other, next the one that shares most with those before.
+The screen is the view of one device, the first camera or the first projector, continued over places that only others
+see. Cameras are placed one after the other; the next camera is the one that shares most with those before.
 """
 
 from dataclasses import dataclass, replace
@@ -20,20 +20,21 @@ from counterlight.tools.transport.smooth_field import smooth_field
 from counterlight.tools.transport.ties import BRIGHT_PERCENTILE, FAINTEST, carried
 from counterlight.tools.transport.transport import Csr, Transport, luminance_matrix
 
-PIXEL_BYTES = 150  # of placing, a pixel of both rasters; 125 measured with ten projectors of 1920x1080
+PIXEL_BYTES = 150  # memory per pixel of both rasters; 125 measured with ten projectors of 1920x1080
 FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
-NOISY = 1.5  # times the camera pixels that see one projector pixel alike
-FARTHEST = 2.0  # screens: further off it matters to no picture where a pixel looks
-MAD = 1.4826  # of a normal distribution's standard deviation
+NOISY = 1.5  # in multiples of the camera pixels that one projector pixel covers
+FARTHEST = 2.0  # in screens; the place of a pixel further out affects no picture
+MAD = 1.4826  # ratio of standard deviation to median absolute deviation of a normal distribution
 
 
 @dataclass(frozen=True)
 class Placed:
-    """A camera on the screen.
+    """The placement of a camera on the screen.
 
-    number : of the camera, from 1.  tied : its pixels that share light with what was placed before.
-    gain : (3,), what its light was multiplied with.  spread : the usual distance of pixels' own gains from it, a share;
-    None where its light was left as it is.
+    number : number of the camera, from 1.
+    tied : number of its pixels that share light with cameras placed before.
+    gain : (3,). Factor of its light.
+    spread : usual relative distance of the pixels' own gains from `gain`; None if the light was not changed.
     """
 
     number: int
@@ -52,7 +53,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class SharedRoom:
-    """A room whose cameras share a screen, and how each came there, in that order; of one camera, the room as it is."""
+    """A room whose cameras share a screen, and the placements in order; for one camera, the room is unchanged."""
 
     calibration: Calibration
     transport: Transport
@@ -67,11 +68,14 @@ def on_one_screen(
     screen: str = "camera",
     keep_exposures: bool = False,
 ) -> SharedRoom:
-    """Place cameras that stand below each other in a raster, and match their light where they overlap.
+    """Place cameras of a raster on one screen, and match their light where they overlap.
 
-    calibration, transport : of the raster.  cameras : (height, width) of each.
-    screen : of choices.SCREENS, whose view it is.  keep_exposures : leave the cameras' light as it is.
-    Raises InputError for a camera that nothing ties to the others.
+    calibration, transport : of the raster.
+    cameras : (height, width) of each.
+    screen : of choices.SCREENS. The device whose view is the screen.
+    keep_exposures : do not change the cameras' light.
+
+    Raises InputError for a camera without ties to the others.
     """
     raster = calibration.projector
     check(
@@ -91,10 +95,12 @@ def on_one_screen(
 
 @dataclass(frozen=True)
 class _View:
-    """One camera's rows of T, luminance as shares of the row's, so that paint moves no footprint's middle.
+    """One camera's rows of T, luminance as shares of the row's sum, so that paint does not move a footprint's centre.
 
-    shape : (height, width).  counts : (pixels,), its mask.
-    light : T·1, (pixels, 3).  whole : (pixels,), where its picture's edge cuts no footprint.
+    shape : (height, width).
+    counts : (pixels,). Its mask.
+    light : T·1, (pixels, 3).
+    whole : (pixels,). Whether the picture's edge leaves footprints uncut.
     """
 
     T: Csr
@@ -105,7 +111,7 @@ class _View:
 
     @classmethod
     def of(cls, rows: NDArray[np.int64], near: Csr, mask: BoolArray, light: FloatArray) -> "_View":
-        """rows : the raster's pixels that are this camera's, (height, width)."""
+        """rows : (height, width). Raster indices of this camera's pixels."""
         inner = np.zeros(rows.shape, bool)
         inner[1:-1, 1:-1] = True
         flat = rows.ravel()
@@ -119,19 +125,19 @@ class _View:
 
     @property
     def centres(self) -> FloatArray:
-        """x and y of every pixel's middle, (pixels, 2)."""
+        """x and y of every pixel's centre, (pixels, 2)."""
         y, x = np.mgrid[: self.shape[0], : self.shape[1]].reshape(2, -1) + 0.5
         return np.stack([x, y], axis=1)
 
     @property
     def step(self) -> float:
-        """Camera pixels, along a side, that see one projector pixel alike."""
+        """Camera pixels per side that one projector pixel covers."""
         lit = np.count_nonzero(np.diff(self.T.indptr))
         return float(np.sqrt(lit / max(np.unique(self.T.indices).size, 1)))
 
 
 class _Placing:
-    """What the projectors' pixels know so far: where they are on the screen, and how bright it is there."""
+    """The knowledge of the projectors' pixels so far: their places on the screen, and the brightness there."""
 
     def __init__(
         self,
@@ -167,7 +173,7 @@ class _Placing:
         self._place[pixels], self._placed_pixels[pixels] = np.stack([x, y], axis=1) + 0.5, True
 
     def place_next(self) -> None:
-        """The camera that shares most with what is placed; InputError if none shares enough."""
+        """Place the camera that shares most with those placed; raises InputError if none shares enough."""
         heard = {
             number: carried(self._views[number].T, self._width, self._place, self._placed_pixels)
             for number in self.missing
@@ -183,7 +189,7 @@ class _Placing:
         self._keep_placed(number, field.reshape(-1, 2), Placed(number + 1, tied, gain, spread))
 
     def _gain(self, view: _View) -> tuple[FloatArray, float | None]:
-        """What the camera's light is to be multiplied with, (3,), and how far pixels' own ratios are from it."""
+        """Return the factor of the camera's light, (3,), and the spread of the pixels' own ratios."""
         expected = carried(view.T, self._width, self._light, self._bright_pixels)
         both = expected.known & view.counts & (view.light > 0).all(axis=1) & (expected.values > 0).all(axis=1)
         if self._keep or np.count_nonzero(both) < FEWEST:
@@ -193,7 +199,7 @@ class _Placing:
         return np.exp(middle), float(MAD * np.median(np.abs(ratios - middle)))
 
     def _keep_placed(self, number: int, positions: FloatArray, placed: Placed) -> None:
-        """Tell the projectors' pixels what this camera knows and nobody before it did."""
+        """Store a camera's placement, and pass its knowledge to projector pixels that had none."""
         view = self._views[number]
         self._positions[number] = positions
         self._placed.append(placed)
@@ -208,7 +214,7 @@ class _Placing:
             values[new], known[new] = own[new], True
 
     def shared(self) -> SharedRoom:
-        """Everything is placed."""
+        """Return the room after all cameras are placed."""
         raster = raster_of(self._cameras)
         positions, gains = np.zeros((raster[0] * raster[1], 2)), np.ones((raster[0] * raster[1], 3))
         for placed in self._placed:
@@ -222,7 +228,7 @@ class _Placing:
 
 
 def scaled(transport: Transport, gains: FloatArray) -> Transport:
-    """Each camera pixel's light times its gain, (camera pixels, 3)."""
+    """Multiply each camera pixel's light by its gain, (camera pixels, 3)."""
     far = transport.far
     return replace(
         transport,
@@ -242,7 +248,7 @@ def brightened(calibration: Calibration, gains: FloatArray) -> Calibration:
 
 
 def _framed(positions: FloatArray, counts: BoolArray) -> tuple[tuple[int, int], FloatArray]:
-    """The screen's (height, width), around all that counts, and positions from its upper left."""
+    """Return the screen's (height, width), around all pixels that count, and positions from its upper left."""
     low, high = np.floor(positions[counts].min(axis=0)), np.ceil(positions[counts].max(axis=0))
     size = np.maximum(high - low, 2).astype(int)
     if size.max() > MAX_SIDE:

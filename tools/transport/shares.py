@@ -1,8 +1,8 @@
-"""What a camera pixel counts for where several cameras see one place: each point of the screen counts once.
+"""Weights of camera pixels where several cameras see one place: each point of the screen counts once.
 
-w = a f / Σ f: a is the screen's area that the pixel looks at, f how far inside its camera's picture those projector
-pixels are that it sees, summed over all cameras that see them. So one camera's say fades into another's where its
-picture ends.
+w = a f / Σ f. a is the screen area that the pixel sees. f is how far the seen projector pixels are from the border of
+the camera's picture. The sum is over all cameras that see them. Towards the border of one camera's picture, its weight
+therefore fades into the other cameras' weights.
 """
 
 import numpy as np
@@ -14,12 +14,12 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.screen import Screen
 from counterlight.tools.transport.transport import luminance_matrix
 
-LARGEST_PERCENTILE = 99.0  # of areas; folds of a screen that is continued far have any
-LEAST = 1e-3  # lest a pixel that others see better is lost where they see worse
+LARGEST_PERCENTILE = 99.0  # of areas; folds of a screen that is continued far have any area
+LEAST = 1e-3  # smallest weight; pixels that other cameras see better are kept
 
 
 def shares(near: SparseRows, calibration: Calibration) -> FloatArray:
-    """(camera pixels,), above 0 to 1; 1 throughout for one camera.
+    """Return weights (camera pixels,), above 0 to 1; all 1 for one camera.
 
     near : T, (camera pixels, projector pixels).
     """
@@ -42,7 +42,7 @@ def shares(near: SparseRows, calibration: Calibration) -> FloatArray:
 
 
 def _depths(screen: Screen, mask: BoolArray) -> FloatArray:
-    """How far inside its camera's counted picture a pixel is, pixels of the screen; 0 where it does not count."""
+    """Return each pixel's distance from the border of its camera's mask, in screen pixels; 0 outside the mask."""
     depths, scale = np.zeros(mask.shape), np.sqrt(_areas(screen, mask))
     for part in screen.parts:
         depths[part] = ndimage.distance_transform_edt(np.pad(mask[part], 1))[1:-1, 1:-1]
@@ -50,7 +50,7 @@ def _depths(screen: Screen, mask: BoolArray) -> FloatArray:
 
 
 def _areas(screen: Screen, mask: BoolArray) -> FloatArray:
-    """Of the screen, that a pixel looks at, as a share of the largest that count."""
+    """Return the screen area that each pixel sees, relative to the largest area of pixels that count."""
     across, down = (axis.astype(np.float64) for axis in screen.axes)
     areas = np.abs(across[..., 1] * down[..., 2] - across[..., 2] * down[..., 1])
     return np.asarray(np.clip(areas / np.percentile(areas[mask], LARGEST_PERCENTILE), 0, 1))

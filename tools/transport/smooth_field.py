@@ -1,9 +1,9 @@
-"""A smooth field through scattered, noisy values of a picture's pixels, continued where there are none.
+"""A smooth field through scattered, noisy values of a picture's pixels, continued where there are no values.
 
-A trend over the whole picture (a projective map where that explains the values, else an affine one), and what it leaves
-by local affine fits under a Gaussian, from coarse to fine: each takes what the coarser ones left. Where no values are
-near, a fit fades into the coarser one, so that the field goes on as it ends. Values that their neighbours contradict
-(reflections, wrong matches) are left out.
+The field is a trend plus local corrections. The trend covers the whole picture: a projective map if it explains the
+values, else an affine one. Local affine fits under a Gaussian correct it from coarse to fine; each level fits the
+residual of the coarser levels. Far from any values, a fit fades into the coarser one, so that the field continues
+smoothly. Values that contradict their neighbours (reflections, wrong matches) are left out.
 """
 
 from collections.abc import Callable
@@ -13,24 +13,26 @@ from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 
-REWEIGHTED = 10  # times, until a trend no longer follows what is far from it
-USUAL, LEAST = 4.0, 0.05  # times the median distance, and in units of the values: beyond, a value counts little
-CONTRADICTED = 0.5  # likewise, from the median of a value's neighbours
-BESIDE = np.mgrid[-2:3, -2:3].reshape(2, -1).T  # neighbours
-ALONE = 8  # of them, itself included: with fewer a value says nothing
-AT_ONCE = 1 << 15  # pixels whose neighbours are looked at
-WORTH = 0.5  # of the affine trend's distances, that the projective one must leave less than
-STEEPEST = 2.0  # by how much its scale may differ over the picture
+REWEIGHTED = 10  # iterations until outliers no longer affect the trend
+# a value counts little beyond USUAL times the median distance, and beyond LEAST in units of the values
+USUAL, LEAST = 4.0, 0.05
+CONTRADICTED = 0.5  # likewise, for the distance from the median of a value's neighbours
+BESIDE = np.mgrid[-2:3, -2:3].reshape(2, -1).T  # offsets of the neighbours
+ALONE = 8  # neighbours, itself included; with fewer, a value is ignored
+AT_ONCE = 1 << 15  # pixels whose neighbours are processed at a time
+WORTH = 0.5  # the projective trend must leave less than this share of the affine trend's distances
+STEEPEST = 2.0  # largest ratio of scales over the picture
 COARSEST = 4  # cells along the longer side
-WIDTH = 2.0  # of the Gaussian, cells
+WIDTH = 2.0  # of the Gaussian, in cells
 CONSTANT_RIDGE, SLOPE_RIDGE = 1e-3, 0.05  # of a full neighbourhood
-MOST_POINTS = 20000  # of a trend
+MOST_POINTS = 20000  # for fitting a trend
 
 
 def smooth_field(values: FloatArray, known: BoolArray, finest: float) -> FloatArray:
-    """The field at every pixel: (height, width, 2) of such values, of which those `known`, (height, width), count.
+    """Return the field at every pixel from values (height, width, 2).
 
-    finest : pixels over which the values are noisy (a step of a staircase).  Some values must be known.
+    known : (height, width) bool. Values that count; at least one.
+    finest : pixels over which the values are noisy (a step of a staircase).
     """
     field, cell = _trend(values, known), max(known.shape) / COARSEST
     known = known & _uncontradicted(np.where(known[..., None], values - field, 0), known, max(1, round(finest / 2)))
@@ -43,7 +45,7 @@ def smooth_field(values: FloatArray, known: BoolArray, finest: float) -> FloatAr
 
 
 def _uncontradicted(left: FloatArray, known: BoolArray, step: int) -> BoolArray:
-    """Where enough neighbours, `step` pixels apart, say about the same.  left : what a trend leaves."""
+    """Return where enough neighbours, `step` pixels apart, have similar values. left : residual of the trend."""
     reach = int(2 * step)
     wide = np.pad(
         np.where(known[..., None], left, np.nan), ((reach, reach), (reach, reach), (0, 0)), constant_values=np.nan
@@ -63,7 +65,7 @@ def _uncontradicted(left: FloatArray, known: BoolArray, step: int) -> BoolArray:
 
 
 def _trend(values: FloatArray, known: BoolArray) -> FloatArray:
-    """The projective or affine map of pixel positions that fits most of the values best, at every pixel."""
+    """Return the projective or affine map of pixel positions that fits most of the values best, at every pixel."""
     at = np.flatnonzero(known)
     at = at[:: -(-at.size // MOST_POINTS)]
     x, y = _positions(known)
@@ -84,7 +86,7 @@ def _steadily(
     at: IntArray,
     told: FloatArray,
 ) -> FloatArray | None:
-    """A fit in which what is far from it counts little."""
+    """Return a robust fit, in which distant values count little."""
     heavy = np.ones((at.size, 1))
     for _ in range(REWEIGHTED):
         found = fit(basis, basis.reshape(-1, 3)[at], told, heavy)
@@ -100,7 +102,7 @@ def _affine(basis: FloatArray, some: FloatArray, told: FloatArray, heavy: FloatA
 
 
 def _projective(basis: FloatArray, some: FloatArray, told: FloatArray, heavy: FloatArray) -> FloatArray | None:
-    """None where it is steeper than a camera's view of a wall."""
+    """Return the projective fit, or None if it is steeper than a camera's view of a wall."""
     origin, zeros = told.mean(axis=0), np.zeros_like(some)
     u, v = (told - origin).T[..., None]
     equations = np.concatenate(
@@ -117,7 +119,7 @@ def _projective(basis: FloatArray, some: FloatArray, told: FloatArray, heavy: Fl
 
 
 def _local(left: FloatArray, weights: FloatArray, cell: int) -> FloatArray:
-    """Affine fits under a Gaussian of WIDTH cells, evaluated at the cells' middles and interpolated."""
+    """Return affine fits under a Gaussian of WIDTH cells, evaluated at the cells' centres and interpolated."""
     x, y = (each / cell for each in _positions(weights))
     shape = (int(y.max()) + 1, int(x.max()) + 1)
     index = (y.astype(np.int64) * shape[1] + x.astype(np.int64)).ravel()
@@ -129,7 +131,7 @@ def _local(left: FloatArray, weights: FloatArray, cell: int) -> FloatArray:
     basis = np.ones_like(x), x, y
     moments = np.stack([np.stack([blurred(a * b) for a in basis], axis=-1) for b in basis], axis=-1)
     told = np.stack([np.stack([blurred(a * left[..., i]) for a in basis], axis=-1) for i in range(2)], axis=-1)
-    # From cells to the Gaussian's widths from each cell's middle, in which the ridges are said.
+    # Convert from cells to units of the Gaussian's width around each cell's centre, in which the ridges are defined.
     about = np.broadcast_to(np.diag([1, 1 / WIDTH, 1 / WIDTH]), moments.shape).copy()
     middles = np.mgrid[: shape[0], : shape[1]].reshape(2, -1) + 0.5
     about[:, 1, 0], about[:, 2, 0] = -middles[1] / WIDTH, -middles[0] / WIDTH
@@ -142,7 +144,7 @@ def _local(left: FloatArray, weights: FloatArray, cell: int) -> FloatArray:
 
 
 def _positions(picture: FloatArray | BoolArray) -> tuple[FloatArray, FloatArray]:
-    """x and y of every pixel's middle, (height, width)."""
+    """Return x and y of every pixel's centre, (height, width)."""
     y, x = np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5
     return x, y
 

@@ -1,6 +1,6 @@
-"""Sparse matrices as scipy.sparse.save_npz lays them out, in any of its five formats; read once their parts agree.
+"""Sparse matrices in the layout of scipy.sparse.save_npz, in any of its five formats; read once their parts agree.
 
-A matrix has at most as many entries as places, and its index arrays have the lengths that its shape says: an archive
+A matrix has at most as many entries as places, and its index arrays have the lengths that its shape implies. An archive
 that claims otherwise is refused by its headers.
 """
 
@@ -19,7 +19,7 @@ FORMATS = ("csr", "csc", "bsr", "coo", "dia")
 
 
 def read_sparse(arrays: Members, shape: Shape) -> Csr:
-    """The matrix of an archive as float32 CSR, its shape known already; ValueError for what is none."""
+    """Read the matrix of an archive as float32 CSR; raises ValueError if it is none. shape : already known."""
     stored = arrays["format"].expect("SU")
     name = str(stored.read().astype(np.str_)) if stored.nbytes <= 64 else ""
     if name not in FORMATS:
@@ -30,7 +30,7 @@ def read_sparse(arrays: Members, shape: Shape) -> Csr:
 
 
 def read_compressed(arrays: Members, shape: Shape, name: str = "csr", prefix: str = "") -> Csr:
-    """Rows, columns or rows of blocks: the arrays data, indices and indptr, with a prefix before their names."""
+    """Read CSR, CSC or BSR: the arrays data, indices and indptr, with a prefix before their names."""
     stored = arrays[f"{prefix}data"]
     block = stored.shape[1:] if name == "bsr" and len(stored.shape) == 3 else ()
     data = _entries(stored, shape, None, *block)
@@ -70,18 +70,18 @@ def _entries(stored: StoredArray, shape: Shape, *lengths: int | None) -> StoredA
 
 
 def _real(stored: StoredArray) -> NDArray[np.floating]:
-    """Numbers of a type that scipy computes with and that holds them; float64, to be summed, where float32 does not."""
+    """Read numbers in a type that scipy supports: float32 if it holds them, else float64, in which they are summed."""
     values = stored.read()
     short = values.dtype.itemsize <= 2 or values.dtype.newbyteorder("=") == np.float32
     return values.astype(np.float32 if short else np.float64, copy=False)
 
 
 def _whole(stored: StoredArray) -> NDArray[Any]:
-    """Indices; those beyond int64 become negative, which scipy refuses."""
+    """Read indices; values beyond int64 become negative, which scipy refuses."""
     values = stored.read()
     return values if values.dtype in (np.int32, np.int64) else values.astype(np.int64)
 
 
 def _float32(matrix: Any) -> Csr:
-    with np.errstate(over="ignore"):  # what overflows is infinite, and refused
+    with np.errstate(over="ignore"):  # overflow becomes infinite, and is refused
         return sparse.csr_array(matrix.astype(np.float32, copy=False))

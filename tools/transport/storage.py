@@ -1,5 +1,5 @@
 """The transport's files in a calibration folder: transport_*.npz (scipy's layout, no pickle), and the factors of far
-and of blurred light where there is any, far_light.npz and blurred_light.npz.
+and blurred light, if any, far_light.npz and blurred_light.npz.
 """
 
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ def write_transport(transport: Transport, folder: Path) -> None:
 
 
 def read_transport(stored: StoredCalibration) -> Transport:
-    """Read a calibration's transport; InputError when a file is damaged or does not fit the calibration's sizes."""
+    """Read a calibration's transport; raises InputError if a file is damaged or does not fit the sizes."""
     calibration = stored.calibration
     shape = calibration.camera.pixels, calibration.projector.pixels
     near = []
@@ -63,8 +63,7 @@ def read_transport(stored: StoredCalibration) -> Transport:
 def read_matrix(source: Source, shape: Shape, fix: str = EXPORT) -> Csr:
     """Read a scipy.sparse .npz as float32 CSR of `shape`, duplicates summed; never unpickles.
 
-    Raises InputError for no such file, another layout, another shape, numbers that are no light (NaN, infinity), or
-    indices out of range.
+    Raises InputError for a missing file, another layout or shape, NaN or infinity, or indices out of range.
     """
     with opened_archive(source, "no sparse matrix", fix) as arrays:
         claimed = tuple(int(n) for n in arrays["shape"].expect("iu", 2).read())
@@ -80,7 +79,7 @@ def read_matrix(source: Source, shape: Shape, fix: str = EXPORT) -> Csr:
 
 
 def check_entries(values: NDArray[np.floating], where: str) -> None:
-    """InputError for entries of T, or of its factors, that are no light in any unit."""
+    """Raise InputError for entries of T, or of its factors, that are NaN, infinite or beyond the range of radiance."""
     low, high = float(values.min(initial=0.0)), float(values.max(initial=0.0))
     bad = 0 if np.isfinite([low, high]).all() else int(np.count_nonzero(~np.isfinite(values)))
     if bad:
@@ -132,7 +131,7 @@ def _read_cells(arrays: Members, most: int) -> int:
 
 
 def _read_factors(arrays: Members, cells: int, shape: Shape) -> tuple[SparseRows, SparseRows]:
-    """What `_write_factors` was given: gather and scatter."""
+    """Read the gather and scatter that `_write_factors` wrote."""
     camera_pixels, projector_pixels = shape
     gather, scatter = (
         stacked([read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS])
@@ -142,7 +141,7 @@ def _read_factors(arrays: Members, cells: int, shape: Shape) -> tuple[SparseRows
 
 
 def _check_far_light(far: FarLight, where: str) -> None:
-    """InputError for factors, or products of them, that are no light in any unit."""
+    """Raise InputError for factors, or products of them, that are NaN, infinite or beyond the range of radiance."""
     for values in (far.mix, *far.gather.weights.T, *far.scatter.weights.T):
         check_entries(values, where)
     D, U = _without_signs(far.gather, far.scatter)
@@ -151,7 +150,7 @@ def _check_far_light(far: FarLight, where: str) -> None:
 
 
 def _check_blurred_light(blurred: BlurredLight, where: str) -> None:
-    """As `_check_far_light`."""
+    """Raise InputError as `_check_far_light` does."""
     for values in (*blurred.gather.weights.T, *blurred.scatter.weights.T):
         check_entries(values, where)
     P, B = _without_signs(blurred.gather, blurred.scatter)

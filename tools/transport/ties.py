@@ -1,7 +1,7 @@
-"""What pixels on one side of T know of pixels on the other, by the light that they share.
+"""Transfers knowledge about pixels on one side of T to pixels on the other side, through the light that they share.
 
-Two cameras that see one projector pixel see one place of the room. So what is known of one camera's pixels, where they
-look or how bright they are, is carried through its T to the projector's pixels, and from there through the other's T.
+Two cameras that see one projector pixel see one place of the room. Knowledge about one camera's pixels (place,
+brightness) is carried through its T to the projector pixels, and from there through the other camera's T.
 """
 
 from dataclasses import dataclass
@@ -12,24 +12,32 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.tools.transport.transport import Csr
 
-REACH = 3.0  # times a footprint's usual radius: light further from its middle is another way through the room
-BRIGHT_PERCENTILE, FAINTEST = 95.0, 0.02  # light that is too little to say where it comes from
-WHOLE = 0.98  # of a footprint that must be known, lest its middle be off
+REACH = 3.0  # times a footprint's usual radius; light further from its centre took another way through the room
+BRIGHT_PERCENTILE, FAINTEST = 95.0, 0.02  # below this share of the 95th percentile, light is too faint to locate
+WHOLE = 0.98  # share of a footprint that must be known, so that its centre is right
 
 
 @dataclass(frozen=True)
 class Carried:
-    """values : (receivers, n), of no meaning where not `known`, (receivers,)."""
+    """Values carried through T.
+
+    values : (receivers, n). Undefined where not `known`.
+    known : (receivers,) bool.
+    """
 
     values: FloatArray
     known: BoolArray
 
 
 def carried(T: Csr, width: int, values: FloatArray, known: BoolArray) -> Carried:
-    """The mean of what a pixel's main footprint knows, weighted by its light.
+    """Return the mean over each receiver's main footprint, weighted by light.
 
-    The footprint is what lies around its middle, found from its brightest entry: glass and mirrors show a second one.
-    T : (receivers, givers), luminance.  width : of the givers' picture.  values : (givers, n).  known : (givers,).
+    The main footprint lies around its centre, found from its brightest entry; glass and mirrors add others.
+
+    T : (receivers, givers). Luminance.
+    width : width of the givers' picture.
+    values : (givers, n).
+    known : (givers,).
     """
     count = T.shape[0]
     rows = np.repeat(np.arange(count), np.diff(T.indptr))
@@ -46,7 +54,7 @@ def carried(T: Csr, width: int, values: FloatArray, known: BoolArray) -> Carried
 
 
 def _main_footprint(rows: IntArray, place: IntArray, light: FloatArray, count: int) -> BoolArray:
-    """Which entries lie around the middle of their row's brightest spot, (entries,)."""
+    """Return the entries around the centre of their row's brightest spot, (entries,) bool."""
     most = np.zeros(count)
     np.maximum.at(most, rows, light)
     brightest = np.flatnonzero((light == most[rows]) & (light > 0))

@@ -1,9 +1,9 @@
 """Light transport as a sum of parts: near light as sparse rows, blurred light and far light as products of factors.
 
 Light that travels directly, or scatters close by, makes T sparse and sharp. Light that crosses the room reaches
-everything but is smooth: stored entry by entry it would fill T, so it is kept as U M D (docs/mathematics.md 3). Light
-of a lens far out of focus is near, but wide: where pixels are many, it is kept as B P (blurred.py).
-Scipy takes one channel at a time: `channel` and `channels` give them, `stacked` makes one of three.
+everything but is smooth. Stored by entries it would fill T, so it is kept as U M D (docs/mathematics.md 3). Light of a
+lens far out of focus is near, but wide; with many pixels, it is kept as B P (blurred.py). Scipy handles one channel at
+a time: `channel` and `channels` return scipy matrices, and `stacked` combines three of them.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,16 +25,16 @@ from counterlight.tools.transport.blurred import BlurredLight
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]
 CHANNELS = ("red", "green", "blue")
-ROWS_AT_ONCE = 256  # of a T that is made dense
+ROWS_AT_ONCE = 256  # for a T that is made dense
 
 
 @dataclass(frozen=True)
 class FarLight:
-    """Smooth indirect light: camera radiance = scatter · mix · gather · p, for each colour channel.
+    """Smooth indirect light: camera radiance = scatter · mix · gather · p, per colour channel.
 
-    gather : D, (cells, projector pixels), irradiance that arrives directly on each surface cell.
-    mix : M, (3, cells, cells), indirect irradiance on a cell per direct irradiance on another, all bounces.
-    scatter : U, (camera pixels, cells), radiance seen per indirect irradiance.
+    gather : D, (cells, projector pixels). Irradiance that arrives directly on each surface cell.
+    mix : M, (3, cells, cells). Indirect irradiance on a cell per direct irradiance on another, all bounces.
+    scatter : U, (camera pixels, cells). Radiance seen per indirect irradiance.
     """
 
     gather: SparseRows
@@ -45,7 +45,7 @@ class FarLight:
 
     @classmethod
     def from_matrices(cls, gather: Sequence[Csr], mix: FloatArray, scatter: Sequence[Csr]) -> "FarLight":
-        """D and U as three scipy matrices each."""
+        """Make far light from D and U as three scipy matrices each."""
         return cls(stacked(gather), mix, stacked(scatter))
 
     @property
@@ -54,7 +54,7 @@ class FarLight:
 
     @property
     def entries(self) -> int:
-        """Numbers that are not 0 in D and U, and all of M."""
+        """Number of nonzeros in D and U, plus all of M."""
         return self.mix.size + sum(int(np.count_nonzero(part.weights)) for part in (self.gather, self.scatter))
 
     @cached_property
@@ -63,24 +63,24 @@ class FarLight:
         return FarLight(self.scatter.transposed, self.mix.transpose(0, 2, 1), self.gather.transposed)
 
     def apply(self, p: Light) -> FloatArray:
-        """U M D p: (projector pixels, 3) -> (camera pixels, 3)."""
+        """Return U M D p: (projector pixels, 3) -> (camera pixels, 3)."""
         return self.scatter.apply(_mixed(self.mix, self.gather.apply(p)))
 
     def apply_transpose(self, c: Light) -> FloatArray:
-        """(camera pixels, 3) -> (projector pixels, 3)."""
+        """Multiply by the transpose: (camera pixels, 3) -> (projector pixels, 3)."""
         return self.transposed.apply(c)
 
 
 @dataclass(frozen=True)
 class Transport:
-    """T of one projector and one camera, c = T p: near light S, far light U M D and blurred light B P if there is any.
+    """T of one projector and one camera, c = T p: near light S, and far light U M D and blurred light B P if any.
 
-    An operator on linear light in floating point, (pixels, 3) or, where T knows its pictures' sizes, pictures
-    (height, width, 3): `T @ p`, `T.T @ c`. InputError for other shapes, and for integers, which may be code values.
-    A square picture cannot be told from its transpose.
+    T acts on linear floating-point light: `T @ p`, `T.T @ c`. Light is (pixels, 3) or, if T knows its pictures' sizes,
+    a picture (height, width, 3). Other shapes raise InputError; so do integers, which may be code values. A square
+    picture cannot be told from its transpose.
 
-    near : (camera pixels, projector pixels), float32, radiance per unit drive, ≥ 0.
-    camera, projector : (height, width), None if nobody said.
+    near : (camera pixels, projector pixels), float32. Radiance per unit drive, ≥ 0.
+    camera, projector : (height, width); None if unknown.
     """
 
     near: SparseRows
@@ -103,7 +103,7 @@ class Transport:
         camera: Shape | None = None,
         projector: Shape | None = None,
     ) -> "Transport":
-        """S as scipy matrices for red, green and blue, (camera pixels, projector pixels) each."""
+        """Make a T from S as scipy matrices for red, green and blue, (camera pixels, projector pixels) each."""
         return cls(stacked(near), far, camera, projector)
 
     @property
@@ -117,7 +117,7 @@ class Transport:
 
     @property
     def entries(self) -> int:
-        """Of S and B."""
+        """Number of entries of S and B."""
         return int(self.near.indices.size + (0 if self.blurred is None else self.blurred.scatter.indices.size))
 
     @property
@@ -125,13 +125,13 @@ class Transport:
         return [part for part in (self.blurred, self.far) if part is not None]
 
     def apply(self, drive: ArrayLike) -> FloatArray:
-        """T p, without ambient light: (projector pixels, 3) -> (camera pixels, 3); a picture for a picture."""
+        """Return T p, without ambient light: (projector pixels, 3) -> (camera pixels, 3), or picture -> picture."""
         light = np.asarray(drive)
         rows = _rows(light, self.shape[1], self.projector)
         return _alike(Sum([self.near, *self._beside]).apply(rows), light, self.camera)
 
     def apply_transpose(self, picture: ArrayLike) -> FloatArray:
-        """Tᵀ c: (camera pixels, 3) -> (projector pixels, 3), the dual picture (thesis eq. 3.12); as `apply`."""
+        """Return Tᵀ c, the dual picture (thesis eq. 3.12): (camera pixels, 3) -> (projector pixels, 3), or pictures."""
         return self.T.apply(picture)
 
     def __matmul__(self, drive: ArrayLike) -> FloatArray:
@@ -148,17 +148,17 @@ class Transport:
         return Transport(self.near.transposed, far, self.projector, self.camera, blurred)
 
     def composition(self) -> FloatArray:
-        """T·1, the floodlit room without ambient light: (camera pixels, 3)."""
+        """Return T·1, the floodlit room without ambient light: (camera pixels, 3)."""
         near, ones = self.near.sums(), np.ones((self.shape[1], 3))
         return near + Sum(self._beside).apply(ones) if self._beside else near
 
     def floodlight(self, ambient: NDArray[np.floating]) -> FloatArray:
-        """T·1 + e, the floodlit room as the camera sees it, of the shape of e."""
+        """Return T·1 + e, the floodlit room as the camera sees it, in the shape of e."""
         return self.composition().reshape(ambient.shape) + ambient
 
     @property
     def lit(self) -> NDArray[np.bool_]:
-        """Which projector pixels' near or blurred light any camera pixel sees, (projector pixels, 3)."""
+        """Projector pixels whose near or blurred light any camera pixel sees, (projector pixels, 3) bool."""
         lit = _lit(self.near)
         if self.blurred is not None:
             cells = _lit(self.blurred.scatter).astype(np.float64)
@@ -166,15 +166,15 @@ class Transport:
         return lit
 
     def at(self, rows: NDArray[np.integer]) -> "Transport":
-        """What some camera pixels see, in that order; it knows no picture of them."""
+        """Return T of some camera pixels, in the given order; the result has no camera picture size."""
         return replace(self, camera=None).by_rows(lambda all_rows: all_rows.at(rows))
 
     def inside(self, mask: NDArray[np.bool_]) -> "Transport":
-        """What the camera pixels of a mask see, their rows empty outside it; entries of 0 left out."""
+        """Return T with empty rows outside a mask of camera pixels; entries of 0 are dropped."""
         return self.by_rows(lambda rows: rows.inside(mask.ravel()))
 
     def of_columns(self, chosen: NDArray[np.integer]) -> "Transport":
-        """Of some projector pixels, (n,) ascending, without far light; cells that no row has are left out."""
+        """Return T of some projector pixels, (n,) ascending, without far light; unused cells are dropped."""
         near, blurred = self.near.of_columns(chosen), self.blurred
         if blurred is not None:
             cells = np.unique(blurred.scatter.indices)
@@ -183,20 +183,20 @@ class Transport:
         return Transport(near, camera=self.camera, blurred=blurred)
 
     def by_rows(self, change: Callable[[SparseRows], SparseRows]) -> "Transport":
-        """With S, B and U changed alike: what is done to camera pixels."""
+        """Apply the same change to the rows of S, B and U, for operations on camera pixels."""
         far = None if self.far is None else replace(self.far, scatter=change(self.far.scatter))
         blurred = None if self.blurred is None else replace(self.blurred, scatter=change(self.blurred.scatter))
         return replace(self, near=change(self.near), far=far, blurred=blurred)
 
     def scaled(self, factors: FloatArray) -> "Transport":
-        """Each camera pixel's light times its factor, (camera pixels,) or (camera pixels, 3)."""
+        """Multiply each camera pixel's light by its factor, (camera pixels,) or (camera pixels, 3)."""
         return self.by_rows(lambda rows: rows.scaled(factors))
 
 
 def in_one(transport: Transport, threshold: float = 0.0) -> SparseRows:
-    """S + B P + U M D entry by entry, float32, without zeros and entries of a luminance below `threshold`.
+    """Return S + B P + U M D by entries, float32, without zeros and entries of a luminance below `threshold`.
 
-    With far light and no threshold it is (almost) dense.
+    With far light and no threshold, the result is (almost) dense.
     """
     if transport.blurred is not None:
         factors = zip(*(channels(part) for part in (transport.blurred.scatter, transport.blurred.gather)), strict=True)
@@ -216,14 +216,14 @@ def in_one(transport: Transport, threshold: float = 0.0) -> SparseRows:
 
 
 def _from(rows: SparseRows, threshold: float) -> SparseRows:
-    """Entries of at least that luminance."""
+    """Keep entries of at least that luminance."""
     return rows.where(luminance(rows.weights) >= threshold) if threshold else rows
 
 
 def stacked(matrices: Sequence[Csr]) -> SparseRows:
-    """Matrices for red, green and blue as rows of one pattern, the union of theirs, by column in each row.
+    """Return matrices for red, green and blue as rows with one pattern, the union of theirs, sorted by column.
 
-    float32 if all of them are.  ValueError for shapes that differ.
+    float32 if all of them are. Raises ValueError for shapes that differ.
     """
     if any(matrix.shape != matrices[0].shape for matrix in matrices):
         raise ValueError(
@@ -238,44 +238,44 @@ def stacked(matrices: Sequence[Csr]) -> SparseRows:
     union = _canonical(Csr(bits[0] + bits[1] + bits[2]))
     weights = np.zeros((union.nnz, 3), np.result_type(*(matrix.dtype for matrix in matrices)))
     for i, matrix in enumerate(matrices):
-        weights[union.data & 1 << i > 0, i] = matrix.data  # in the same order
+        weights[union.data & 1 << i > 0, i] = matrix.data  # same order in both
     return SparseRows(union.indptr.astype(np.int64), union.indices.astype(np.int32), _floating(weights), columns)
 
 
 def channel(rows: SparseRows, i: int) -> Csr:
-    """The matrix of channel 0, 1 or 2, without entries of 0."""
+    """Return the matrix of channel 0, 1 or 2, without entries of 0."""
     matrix = _matrix(rows, rows.weights[:, i].copy())
     matrix.eliminate_zeros()
     return matrix
 
 
 def channels(rows: SparseRows) -> tuple[Csr, ...]:
-    """The matrices of red, green and blue."""
+    """Return the matrices of red, green and blue."""
     return tuple(channel(rows, i) for i in range(len(CHANNELS)))
 
 
 def luminance(weights: NDArray[np.floating]) -> FloatArray:
-    """BT.709 luminance of (n, 3), float64.
+    """Return the BT.709 luminance of (n, 3), float64.
 
-    Term by term: a matrix product rounds by an entry's place, and equal weights must stay equal.
+    The sum is written term by term. A matrix product's rounding depends on position, and equal weights must stay equal.
     """
     red, green, blue = (share * weights[:, i].astype(np.float64) for i, share in enumerate(LUMINANCE))
     return np.asarray(red + green + blue)
 
 
 def luminance_matrix(rows: SparseRows) -> Csr:
-    """The luminance of three channels' matrices."""
+    """Return the luminance of the three channels' matrices."""
     return _matrix(rows, luminance(rows.weights).astype(rows.weights.dtype))
 
 
 def _matrix(rows: SparseRows, data: NDArray[np.floating]) -> Csr:
-    """Indices of 32 bits where they do: half as many bytes to read in every product. They are copies."""
+    """Make a matrix with copied indices, 32-bit if possible: half as many bytes to read in every product."""
     width = np.int32 if max(*rows.shape, rows.indices.size) <= np.iinfo(np.int32).max else np.int64
     return Csr((data, rows.indices.astype(width), rows.indptr.astype(width)), shape=rows.shape)
 
 
 def dense_rows(matrices: FloatArray) -> SparseRows:
-    """Dense matrices (3, rows, columns) as rows."""
+    """Return dense matrices (3, rows, columns) as rows."""
     _, rows, columns = matrices.shape
     weights = np.ascontiguousarray(matrices.reshape(3, -1).T)
     return SparseRows(
@@ -284,18 +284,18 @@ def dense_rows(matrices: FloatArray) -> SparseRows:
 
 
 def _lit(rows: SparseRows) -> NDArray[np.bool_]:
-    """Columns that have light, (columns, 3)."""
+    """Return the columns that have light, (columns, 3)."""
     seen = (np.bincount(rows.indices[each != 0], minlength=rows.columns) for each in rows.weights.T)
     return np.stack(list(seen), axis=1) > 0
 
 
 def _mixed(mix: FloatArray, cells: FloatArray) -> FloatArray:
-    """M x per channel: (cells, 3) -> (cells, 3)."""
+    """Return M x per channel: (cells, 3) -> (cells, 3)."""
     return np.stack([mix[i] @ cells[:, i] for i in range(len(CHANNELS))], axis=1)
 
 
 def _rows(light: Light, pixels: int, shape: Shape | None) -> Light:
-    """A picture, or a list, as (pixels, 3); InputError for what is neither."""
+    """Return a picture, or a list, as (pixels, 3); raises InputError for other shapes."""
     expected = [(pixels, 3)] if shape is None else [(*shape, 3), (pixels, 3)]
     if light.shape not in expected:
         swapped = shape is not None and light.shape == (*shape[::-1], 3)
@@ -305,7 +305,7 @@ def _rows(light: Light, pixels: int, shape: Shape | None) -> Light:
 
 
 def _alike(values: FloatArray, given: Light, shape: Shape | None) -> FloatArray:
-    """A picture for a picture, a list for a list."""
+    """Return a picture if `given` is a picture, else a list."""
     if given.ndim == 2:
         return values
     if shape is None:
@@ -314,7 +314,7 @@ def _alike(values: FloatArray, given: Light, shape: Shape | None) -> FloatArray:
 
 
 def _canonical(matrix: Csr) -> Csr:
-    """By column in each row, duplicates summed."""
+    """Sort each row by column, and sum duplicates."""
     if not matrix.has_canonical_format:
         matrix = matrix.copy()
         matrix.sum_duplicates()

@@ -1,8 +1,8 @@
-"""How far a camera pixel is to be trusted, and which projector pixels any trusted one sees: from T alone.
+"""Trust in camera pixels, and the visibility of projector pixels to trusted camera pixels, from T alone.
 
-Where the projector's raster ends, it cuts footprints. A pixel whose footprint is cut cannot reach its target, and what
-is tried in vain spoils its neighbours. That it is cut shows in T's row, without any knowledge of the scene: the line of
-projector pixels at the raster's edge then has more of the row's light than a line of a whole footprint ever has.
+The border of the projector's raster cuts footprints. A pixel with a cut footprint cannot reach its target, and vain
+attempts spoil its neighbours. The cut shows in T's row, without any knowledge of the scene. The line of projector
+pixels at the raster's border then has a larger share of the row's light than any line of a whole footprint.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Csr, Transport, channel, luminance
 
-LEAST_TRUST = 0.01  # of what the mask leaves out
+LEAST_TRUST = 0.01  # for pixels outside the mask
 CUT_TRUST = 0.1  # 0.05: a corner falls below direct mapping over lit pixels; 1: twice the light outside its view
-CLEAR = 0.01  # of the bright pixels' light: what is darker may be noise
+CLEAR = 0.01  # of the bright pixels' light; darker light may be noise
 BRIGHT_PERCENTILE = 99
-CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # of what a whole footprint can have in one line
-UNTOUCHED = 0.05  # share of a row's light at the edge, below which its footprint is whole for certain
-NEARBY = 9  # camera pixels a side, over which whole footprints are averaged
+CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # relative to the largest share of one line in a whole footprint
+UNTOUCHED = 0.05  # share of a row's light at the border, below which its footprint is certainly whole
+NEARBY = 9  # camera pixels per side, over which whole footprints are averaged
 FEW = 0.1  # of those pixels
 
 
@@ -29,7 +29,8 @@ FEW = 0.1  # of those pixels
 class _Shares:
     """T by rows, each entry as a share of its row's light, without far light.
 
-    near : (camera pixels, projector pixels).  blurred : the same over cells, and P.
+    near : (camera pixels, projector pixels).
+    blurred : the same over cells, and P.
     """
 
     near: Csr
@@ -45,7 +46,7 @@ class _Shares:
         return cls(near, blurred, projector)
 
     def lines(self, axis: int) -> Csr:
-        """Of the raster's lines, those of y for axis 0, of x for 1: (camera pixels, lines)."""
+        """Return the shares of the raster's lines, by y for axis 0, by x for axis 1: (camera pixels, lines)."""
         places = np.indices(self.projector, np.int32)[axis].ravel()
         lines = _over_lines(self.near, places, self.projector[axis])
         if self.blurred is not None:
@@ -55,34 +56,35 @@ class _Shares:
 
 
 def _light(T: Transport) -> FloatArray:
-    """Luminance of the floodlight without far light, (camera pixels,)."""
+    """Return the luminance of the floodlight without far light, (camera pixels,)."""
     rows = [T.near] if T.blurred is None else [T.near, T.blurred.scatter]
     return np.asarray(sum(np.bincount(each.rows, luminance(each.weights), each.shape[0]) for each in rows))
 
 
 def _shares(rows: SparseRows, total: FloatArray) -> Csr:
-    """Luminance as shares of their row's `total`."""
+    """Return luminance as shares of each row's `total`."""
     light, whole = luminance(rows.weights), total[rows.rows]
     shares = np.divide(light, whole, out=np.zeros_like(light), where=whole > 0)
     return Csr((shares, rows.indices, rows.indptr), shape=rows.shape)
 
 
 def _over_lines(matrix: Csr, places: NDArray[np.int32], count: int) -> Csr:
-    """Its columns summed by the line that each is in."""
+    """Sum columns by the line that each is in."""
     lines = Csr((matrix.data, places[matrix.indices], matrix.indptr), shape=(matrix.shape[0], count), copy=True)
     lines.sum_duplicates()  # in place
     return lines
 
 
 def trust(T: Transport, counts: NDArray[np.bool_], projector: tuple[int, int]) -> FloatArray:
-    """w, (camera pixels,): how much each camera pixel counts; 0 where no near or blurred light falls.
+    """Return w, (camera pixels,): the weight of each camera pixel; 0 without near or blurred light.
 
-    1 inside the mask. Where the raster's edge cuts the footprint of a clearly lit pixel, w falls from 0.46 to CUT_TRUST
-    over `cut_by_edges` of 1.1 to 1.3: narrow footprints, of which nearly all is one line, disturb no others. Elsewhere
-    outside the mask LEAST_TRUST: what the camera could not measure, or somebody's mask leaves out, is satisfied where
-    no trusted pixel objects.
+    w is 1 inside the mask. If the raster's border cuts the footprint of a clearly lit pixel, w falls from 0.46 to
+    CUT_TRUST for `cut_by_edges` from 1.1 to 1.3. Narrow footprints, nearly all in one line, disturb no others. Other
+    pixels outside the mask have LEAST_TRUST: they are satisfied where no trusted pixel objects. They could not be
+    measured, or a user's mask excludes them.
 
-    counts : (camera height, camera width), the mask.  projector : (height, width).
+    counts : (camera height, camera width). The mask.
+    projector : (height, width).
     """
     light = _light(T)
     lit = light > 0
@@ -94,11 +96,11 @@ def trust(T: Transport, counts: NDArray[np.bool_], projector: tuple[int, int]) -
 
 
 def cut_by_edges(T: Transport, camera: tuple[int, int], projector: tuple[int, int]) -> FloatArray:
-    """s / m, (camera pixels,): how much of a footprint lies at an edge of the raster, which may cut it.
+    """Return s / m, (camera pixels,): how much of a footprint lies at a border of the raster, which may cut it.
 
-    s is the share of a row's light on the outermost line of the raster, m the largest share that one line has of the
-    whole footprints nearby: next to 1 in focus, little where footprints are wide. A whole footprint that lies in the
-    outermost line has 1, one that is cut more.
+    s is the share of a row's light on the outermost line of the raster. m is the largest share of one line in the whole
+    footprints nearby: almost 1 in focus, small for wide footprints. s / m is 1 for a whole footprint in the outermost
+    line, and larger for a cut footprint.
 
     camera, projector : (height, width).
     """
@@ -107,18 +109,18 @@ def cut_by_edges(T: Transport, camera: tuple[int, int], projector: tuple[int, in
 
 
 def _cut(lines: Csr, camera: tuple[int, int]) -> FloatArray:
-    """s / m of two opposite edges, which the first and the last of the lines are."""
+    """Return s / m for two opposite borders, the first and the last line."""
     at_edge = _largest(Csr(lines[:, np.unique([0, lines.shape[1] - 1])]))
     return np.asarray(at_edge / _around(_largest(lines), at_edge < UNTOUCHED, camera))
 
 
 def _largest(lines: Csr) -> FloatArray:
-    """The largest entry of each row, (rows,)."""
+    """Return the largest entry of each row, (rows,)."""
     return np.asarray(lines.max(axis=1).toarray(), np.float64).ravel()
 
 
 def _around(largest: FloatArray, untouched: NDArray[np.bool_], camera: tuple[int, int]) -> FloatArray:
-    """The mean of `largest` over untouched footprints nearby, or where they are nearest; 1 if there are none."""
+    """Return the mean of `largest` over untouched footprints nearby, or over the nearest ones; 1 if there are none."""
     whole = (untouched & (largest > 0)).reshape(camera)
     weight = ndimage.uniform_filter(whole.astype(np.float64), NEARBY, mode="constant")
     enough = weight > FEW
@@ -130,11 +132,11 @@ def _around(largest: FloatArray, untouched: NDArray[np.bool_], camera: tuple[int
 
 
 def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
-    """How well trusted camera pixels see a projector pixel, 1 for as well as most: (projector pixels,).
+    """Return how well trusted camera pixels see each projector pixel, 1 for most pixels: (projector pixels,).
 
-    Counts the camera pixels to which projector pixel j contributes, each by how its contribution compares with the
-    usual one there: Σ_i min(1, T_ij / m_i), m_i = Σ_k T_ik² / Σ_k T_ik. Paint cancels. Fifty pixels that a lens gathers
-    into one camera pixel are all seen; a pixel of which only the rim of its footprint is in view is not.
+    Sums over the camera pixels to which projector pixel j contributes, relative to the usual contribution there: Σ_i
+    min(1, T_ij / m_i), m_i = Σ_k T_ik² / Σ_k T_ik. Paint cancels. Fifty pixels that a lens gathers into one camera
+    pixel all count as seen. A pixel with only the rim of its footprint in view does not.
 
     trusted : (camera pixels,).
     """
@@ -143,7 +145,7 @@ def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
     usual = np.divide(squares, total, out=np.zeros_like(total), where=total > 0)
     count = _contributions(T.near, luminance(T.near.weights), usual)
     if T.blurred is not None:
-        # All pixels of a cell contribute alike.
+        # All pixels of a cell contribute equally.
         gather, scatter = T.blurred.gather, T.blurred.scatter
         share = _largest_of_rows(gather)
         cells = _contributions(scatter, luminance(scatter.weights) * share[scatter.indices], usual)
@@ -152,10 +154,11 @@ def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
 
 
 def camera_pixels(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
-    """How many trusted camera pixels each projector pixel makes up, v_j = Σ_i T_ij / (T·1)_i: (projector pixels,).
+    """Return how many trusted camera pixels each projector pixel fills, v_j = Σ_i T_ij / (T·1)_i: (projector pixels,).
 
-    A camera pixel is seen to be made of projector pixels by its light's shares, whatever its paint. trusted : (camera
-    pixels,).
+    The shares of a camera pixel's light say which projector pixels fill it, regardless of paint.
+
+    trusted : (camera pixels,).
     """
     total = _light(T)
     total[~trusted] = 0
@@ -167,7 +170,7 @@ def camera_pixels(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
 
 
 def _squares(T: Transport) -> FloatArray:
-    """Σ_k T_ik² of luminance without far light, (camera pixels,)."""
+    """Return Σ_k T_ik² of luminance without far light, (camera pixels,)."""
     found = np.bincount(T.near.rows, luminance(T.near.weights) ** 2, T.near.shape[0])
     if T.blurred is not None:
         gather, scatter = T.blurred.gather, T.blurred.scatter
@@ -177,26 +180,26 @@ def _squares(T: Transport) -> FloatArray:
 
 
 def _contributions(rows: SparseRows, light: FloatArray, usual: FloatArray) -> FloatArray:
-    """Σ_i min(1, light / usual) of every column, (columns,); rows of which nothing is usual count nothing."""
+    """Return Σ_i min(1, light / usual) of every column, (columns,); rows with usual 0 count nothing."""
     expected = usual[rows.rows]
     compared = np.divide(light, expected, out=np.zeros_like(light), where=expected > 0)
     return np.bincount(rows.indices, np.minimum(compared, 1), rows.columns).astype(np.float64)
 
 
 def _largest_of_rows(rows: SparseRows) -> FloatArray:
-    """The largest weight of each row, (rows,)."""
+    """Return the largest weight of each row, (rows,)."""
     largest = np.zeros(rows.shape[0])
     np.maximum.at(largest, rows.rows, rows.weights[:, 0])
     return largest
 
 
 def _beside_most(count: FloatArray) -> FloatArray:
-    """Shares of what most have, which is 1."""
+    """Scale counts so that the median of the larger counts is 1."""
     most = count[count > FEW * count.max(initial=0.0)]
     return np.asarray(count / np.median(most) if most.size else count)
 
 
 def _made(rows: SparseRows, total: FloatArray) -> FloatArray:
-    """Sums of each column's shares of its rows' `total`, (columns,); rows without light make nothing."""
+    """Return each column's sum of shares of its rows' `total`, (columns,); rows without light add nothing."""
     shares = _shares(rows, total)
     return np.bincount(shares.indices, shares.data, rows.columns).astype(np.float64)

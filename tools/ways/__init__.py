@@ -1,5 +1,5 @@
-"""Which way the light of each camera pixel came, from T alone (thesis 6.4): what T's rows look like says it.
+"""The way by which the light of each camera pixel came, from the shape of T's rows alone (thesis 6.4).
 
-footprints.py measures rows, bending.py whether they lie where straight light would, ways.py makes shares of light and
-areas of them. May import numpy, scipy, OpenCV, player and tools.transport. Read next: ways.py.
+footprints.py measures rows. bending.py tests whether they lie where straight light would. ways.py turns both into
+shares of light and areas. May import numpy, scipy, OpenCV, player and tools.transport. Read next: ways.py.
 """

@@ -1,10 +1,11 @@
 """Light that did not come straight: camera pixels that see a projector's picture where no opaque surface could show it.
 
-Whatever surfaces there are, what a camera and a projector see of one point lies on lines that belong together
-(epipolar geometry: xᵀ F x' = 0 for a camera pixel x' and a projector pixel x). Glass and mirrors bend light off them.
-F is found from the footprints' middles; Longuet-Higgins (1981), O'Toole et al. (2014) for light that leaves the lines.
-F of least median distance from samples of eight pixels, then by least squares of those that lie as near as most
-(Rousseeuw 1984, Hartley 1997). A flat wall leaves F open, and every such F suits it.
+A camera and a projector see each surface point on matching lines, for surfaces of any shape (epipolar geometry:
+xᵀ F x' = 0 for a camera pixel x' and a projector pixel x). Glass and mirrors bend light off these lines. F is fitted to
+the middles of the footprints (Longuet-Higgins 1981; O'Toole et al. 2014 for light that leaves the lines).
+
+The fit takes F of least median distance over samples of eight pixels. Least squares over the nearest pairs then refine
+it (Rousseeuw 1984, Hartley 1997). A flat wall does not determine F, and every F that fits it is suitable.
 """
 
 import numpy as np
@@ -13,18 +14,22 @@ from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
 
-FEWEST = 64  # middles that tell the lines from chance
-MOST = 4000  # that are looked at
-SAMPLES, OF_EIGHT, REFINED, NEAR = 400, 8, 5, 4.0  # NEAR : times the median distance, which a refinement takes
-WINDOW = 3  # camera pixels a side: single middles are as coarse as the projector's pixels
-LEAST_PX, USUAL = 0.2, 5.0  # off the lines: projector pixels, and times what is usual in this room
+FEWEST = 64  # middles that distinguish the lines from chance
+MOST = 4000  # middles that are used
+SAMPLES, OF_EIGHT, REFINED, NEAR = 400, 8, 5, 4.0  # NEAR: multiple of the median distance that the refinement includes
+WINDOW = 3  # camera pixels per side: single middles are as coarse as the projector's pixels
+LEAST_PX, USUAL = 0.2, 5.0  # off the lines: projector pixels, and multiples of the usual distance in this room
 
 
 class Lines:
-    """Which line of a projector's picture each camera pixel's straight light comes from; none if too few pixels say."""
+    """The line in a projector's picture of each camera pixel's straight light; no lines if too few pixels are lit."""
 
     def __init__(self, middle: FloatArray, lit: BoolArray) -> None:
-        """middle : (camera height, camera width, 2), y and x.  lit : (camera height, camera width), where it counts."""
+        """Fit the lines.
+
+        middle : (camera height, camera width, 2), y and x.
+        lit : (camera height, camera width). Where `middle` is valid.
+        """
         self._lit = lit
         self._lines: FloatArray | None = None
         y, x = np.nonzero(lit)
@@ -36,30 +41,33 @@ class Lines:
         self._lines = np.asarray(_with_ones(_centres(lit.shape)) @ F.T)
 
     def distance(self, place: FloatArray) -> FloatArray:
-        """Of places in the projector's picture from their pixels' lines, signed, projector pixels.
+        """Returns signed distances of places from their pixels' lines, projector pixels; 0 if there are no lines.
 
-        place : (camera height, camera width, 2), y and x.  0 where there are no lines.
+        place : (camera height, camera width, 2), y and x in the projector's picture.
         """
         if self._lines is None:
             return np.zeros(self._lit.shape)
         return _off(self._lines, place.reshape(-1, 2)[:, ::-1]).reshape(self._lit.shape)
 
     def bent(self, middle: FloatArray) -> BoolArray:
-        """Where middles are further off their lines than most are, together with their neighbours."""
+        """Returns where middles, averaged over neighbours, are further off their lines than usual."""
         off = np.abs(smoothed(self.distance(middle), self._lit))
         usual = float(np.median(off[self._lit])) if self._lit.any() else 0.0
         return self._lit & (off > max(LEAST_PX, USUAL * usual))
 
 
 def smoothed(values: FloatArray, known: BoolArray) -> FloatArray:
-    """Means of what is known in windows, (height, width)."""
+    """Returns means of the known values in windows, (height, width)."""
     count = ndimage.uniform_filter(known.astype(np.float64), WINDOW, mode="constant")
     total = ndimage.uniform_filter(np.where(known, values, 0.0), WINDOW, mode="constant")
     return np.asarray(np.divide(total, count, out=np.zeros_like(total), where=known & (count > 0)))
 
 
 def _fundamental(seen: NDArray[np.floating], lighting: FloatArray) -> FloatArray:
-    """F, (3, 3), of the lines F x' that most pairs lie on.  seen, lighting : x' and x, (pairs, 2), x before y."""
+    """Returns F, (3, 3), of the lines F x' on which most pairs lie.
+
+    seen, lighting : x' and x, (pairs, 2), x before y.
+    """
     A, B = _conditioned(seen), _conditioned(lighting)
     equations = (_with_ones(lighting) @ B.T)[:, :, None] * (_with_ones(seen) @ A.T)[:, None, :]
     equations = equations.reshape(-1, 9)
@@ -76,14 +84,18 @@ def _fundamental(seen: NDArray[np.floating], lighting: FloatArray) -> FloatArray
 
 
 def _conditioned(points: NDArray[np.floating]) -> FloatArray:
-    """The similarity that moves points around 0 and to lengths of about √2, (3, 3)."""
+    """Returns the similarity (3, 3) that moves points to mean 0 and to lengths of about √2."""
     middle = points.mean(axis=0)
     size = np.sqrt(2) / max(float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean())), 1e-9)
     return np.array([[size, 0, -size * middle[0]], [0, size, -size * middle[1]], [0, 0, 1]])
 
 
 def _off(lines: FloatArray, points: FloatArray) -> FloatArray:
-    """Signed distances of points from lines, (n, 3) and (n, 2), x before y."""
+    """Returns signed distances (n,) of points from lines.
+
+    lines : (n, 3).
+    points : (n, 2), x before y.
+    """
     length = np.hypot(lines[:, 0], lines[:, 1])
     off = (lines * _with_ones(points)).sum(axis=1)
     return np.asarray(np.divide(off, length, out=np.zeros_like(off), where=length > 0))

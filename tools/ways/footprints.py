@@ -1,8 +1,8 @@
-"""What T's rows look like: where in a projector's picture the light of each camera pixel comes from.
+"""Shape of T's rows: the places in a projector's picture that light each camera pixel.
 
-A row's *main footprint* lies around its middle, found from its brightest entry: straight light, as wide as the two
-pixels, the lenses' blur and what spreads below a surface make it. Glass and mirrors show further bright spots; light
-that bounced is spread over everything, and faint.
+The *main footprint* of a row lies around its middle and is found from its brightest entry. It is straight light; the
+size of both pixels, the blur of the lenses and scattering below the surface determine its width. Glass and mirrors add
+further bright spots. Bounced light is spread over everything, and faint.
 """
 
 from dataclasses import dataclass, fields
@@ -16,26 +16,28 @@ from counterlight.raster import Region
 from counterlight.tools.transport.overlap import batches, lengths_of
 from counterlight.tools.transport.transport import Transport, in_one, luminance
 
-FAINT = 0.02  # of a row's brightest entry: fainter ones do not say how wide it is
-# Times the radius that holds half of the light, and projector pixels beside that: a normal spot ends there.
+FAINT = 0.02  # share of a row's brightest entry; fainter entries do not count for its width
+# A normal spot ends at REACH times the radius that holds half of the light, plus BESIDE projector pixels.
 REACH, BESIDE = 3.0, 1.5
-BRIGHT = 0.1  # of a row's brightest entry: a spot, and no spread light
-ROUNDS = 2  # of finding the middle again from what lies around it
-PERIODS = (4, 8, 16, 32, 64)  # projector pixels, of stripes whose contrast is told
+BRIGHT = 0.1  # share of a row's brightest entry: a spot, not spread light
+ROUNDS = 2  # refinements of the middle from the entries around it
+PERIODS = (4, 8, 16, 32, 64)  # projector pixels, of stripes whose contrast is measured
 
 
 @dataclass(frozen=True)
 class Footprints:
-    """Rows of T in one projector's part of the raster, (camera pixels, …); light is luminance of T·1.
+    """Rows of T in one projector's part of the raster, (camera pixels, …). Light is luminance of T·1.
 
-    light : all of it.  main : in the main footprint.  second : in bright spots beside it.
-    strewn : (…, 3), radiance, what is in no spot.
+    light : all light.
+    main : light in the main footprint.
+    second : light in bright spots outside the main footprint.
+    strewn : (…, 3), radiance. Light outside all spots.
     middle, second_middle : (…, 2), y and x in the projector's picture, pixels.
-    spread : (…, 3), of each channel the mean squared distance from the middle, pixels².
-    count : how many entries alike would make the main footprint, (Σw)² / Σw²; few for how wide it is: single spots.
-    strewn_count : likewise of strewn light.
-    tails : mean fourth power of that distance over its square's square; 2 of a normal spot, 4/3 of a disc.
-    contrast : (…, PERIODS), what is left of stripes' contrast, of the worse of both directions.
+    spread : (…, 3). Mean squared distance from the middle per channel, pixels².
+    count : number of equal entries that would make the main footprint, (Σw)² / Σw²; low if it consists of single spots.
+    strewn_count : the same for strewn light.
+    tails : mean fourth power of that distance over the square of the mean square; 2 for a normal spot, 4/3 for a disc.
+    contrast : (…, PERIODS). Remaining contrast of stripes, in the worse of both directions.
     """
 
     light: FloatArray
@@ -52,9 +54,11 @@ class Footprints:
 
 
 def footprints(T: Transport, camera_pixels: IntArray, width: int, region: Region) -> Footprints:
-    """Measure rows of T, but for far light.
+    """Measure rows of T without far light.
 
-    camera_pixels : which, (n,).  width : of the raster that T's columns are.  region : the projector's part of it.
+    camera_pixels : (n,). Rows to measure.
+    width : width of the raster that T's columns cover.
+    region : the projector's part of the raster.
     """
     found = []
     near = T.without_far
@@ -69,7 +73,7 @@ def footprints(T: Transport, camera_pixels: IntArray, width: int, region: Region
 
 
 class _Rows:
-    """Some rows, entry by entry."""
+    """Some rows of T, entry by entry."""
 
     def __init__(self, rows: SparseRows, place: FloatArray) -> None:
         self._rows, self._count, self._place = rows.rows, rows.shape[0], place
@@ -77,7 +81,8 @@ class _Rows:
         self._light = luminance(self._weights)
         brightest = np.zeros(self._count)
         np.maximum.at(brightest, self._rows, self._light)
-        self._share = self._light / np.maximum(brightest, np.finfo(float).tiny)[self._rows]  # of the brightest entry
+        # each entry's light as a share of the row's brightest entry
+        self._share = self._light / np.maximum(brightest, np.finfo(float).tiny)[self._rows]
 
     def measured(self) -> Footprints:
         middle, main = self._main()
@@ -100,7 +105,7 @@ class _Rows:
         )
 
     def _main(self) -> tuple[FloatArray, BoolArray]:
-        """The main footprints' middles, and which entries lie in them."""
+        """Returns the middles of the main footprints, and the mask of the entries in them."""
         middle = np.zeros((self._count, 2))
         spots = np.flatnonzero(self._share == 1)
         lit, first = np.unique(self._rows[spots], return_index=True)
@@ -116,7 +121,7 @@ class _Rows:
         return np.asarray(away <= REACH * self._holding_half(away)[self._rows] + BESIDE)
 
     def _holding_half(self, away: FloatArray) -> FloatArray:
-        """The distance within which half of each row's light is, faint entries left aside, (rows,)."""
+        """Returns the distance (rows,) that contains half of each row's light, without faint entries."""
         wide = np.flatnonzero(self._share >= FAINT)
         order = wide[np.lexsort((away[wide], self._rows[wide]))]
         rows, summed = self._rows[order], np.cumsum(self._light[order])

@@ -1,9 +1,10 @@
-"""Shares of light by the way that it came, camera pixel by camera pixel.
+"""Shares of each camera pixel's light by the way that it came.
 
-Light is *bounced* if it comes from everywhere (far light, and what is strewn over near light); *bent* by glass or a
-mirror if it comes from where straight light cannot (bending.py), in many spots, or strewn from a small part;
-*scattered* below a surface if its footprint is wide and unlike in colours, or with long tails (red goes further than
-blue in wax and skin, and some light far); *blurred* by a lens if it is merely wide. What remains is straight.
+Light is *bounced* if it comes from everywhere: far light, and light that is strewn over near light. It is *bent* by
+glass or a mirror if it comes from where straight light cannot (bending.py), in many spots, or strewn from a small part.
+It is *scattered* below a surface if its footprint is wide and differs between colours, or has long tails. (Red travels
+further than blue in wax and skin, and some light travels far.) It is *blurred* by a lens if its footprint is merely
+wide. The rest is straight.
 """
 
 from dataclasses import dataclass
@@ -19,19 +20,20 @@ from counterlight.tools.transport.transport import Transport, luminance
 from counterlight.tools.ways.bending import LEAST_PX, Lines
 from counterlight.tools.ways.footprints import PERIODS, Footprints, footprints
 
-BRIGHT_PERCENTILE, FAINTEST = 95, 0.02  # pixels with less light than that of bright ones have noise for footprints
-TOLD = 0.1  # of a pixel's light: a way that is worth an area
-WIDE, FAR_WIDE = 0.4, 1.0  # pixels² beyond what the pixels' sizes make: told from noise, seen as blur
-COLOURED = 0.35  # of the spread: how unlike it is in the channels
-TAILS = 2.6  # between a normal spot's 2 and the 3.3 of a planar exponential one
-FILLED = 0.25  # of the entries that so wide a spot would have; 0.4 and more in wax, 0.9 in blur: fewer are many spots
-EVERYWHERE = 0.01  # of the projector's pixels: strewn light that comes from fewer was strewn by glass or a coat
+# percentile of bright pixels; footprints of pixels below FAINTEST of it are noise
+BRIGHT_PERCENTILE, FAINTEST = 95, 0.02
+TOLD = 0.1  # share of a pixel's light from which a way is marked
+WIDE, FAR_WIDE = 0.4, 1.0  # pixels² beyond the size of the pixels: distinct from noise, visible as blur
+COLOURED = 0.35  # share of the spread: minimal difference between channels
+TAILS = 2.6  # between 2 of a normal spot and 3.3 of a planar exponential spot
+FILLED = 0.25  # share of a full spot's entries; wax has 0.4 and more, blur 0.9, many spots have fewer
+EVERYWHERE = 0.01  # share of the projector's pixels: strewn light from fewer pixels comes from glass or a coat
 OFF_PX = 5 * LEAST_PX  # a further spot that is less off its line is the other side of an edge
 
 
 @dataclass(frozen=True)
 class Way:
-    """How light came: a name for JSON, the legend's words and its colour (8-bit sRGB)."""
+    """A way of light: a name for JSON, the legend's words and its colour (8-bit sRGB)."""
 
     name: str
     words: str
@@ -51,11 +53,11 @@ WAYS = BENT, SCATTERED, BOUNCED, BLURRED
 class Ways:
     """Shares of each camera pixel's light, T·1.
 
-    shares : (WAYS, camera height, camera width), 0 to 1; what they leave is straight.
-    lit : (camera height, camera width), where there is light enough to say.
-    radius : (camera height, camera width), of the main footprint, root mean square, projector pixels.
-    contrast : (camera height, camera width, PERIODS), what stripes of so many projector pixels keep of their contrast.
-    bounced : (camera height, camera width, 3), radiance of bounced light under a white picture.
+    shares : (WAYS, camera height, camera width), 0 to 1. The rest is straight.
+    lit : (camera height, camera width). Where there is enough light to tell.
+    radius : (camera height, camera width). Root mean square radius of the main footprint, projector pixels.
+    contrast : (camera height, camera width, PERIODS). Remaining contrast of stripes with these periods.
+    bounced : (camera height, camera width, 3). Radiance of bounced light under a white picture.
     """
 
     shares: FloatArray
@@ -66,21 +68,21 @@ class Ways:
 
     @property
     def flags(self) -> BoolArray:
-        """Which ways brought a tenth of a pixel's light or more, (WAYS, camera height, camera width)."""
+        """Ways that brought a tenth of a pixel's light or more, (WAYS, camera height, camera width)."""
         return np.asarray((self.shares >= TOLD) & self.lit)
 
     @property
     def first(self) -> IntArray:
-        """(camera height, camera width): 0 where light came straight, 1 + the index of its largest way, -1 if dark."""
+        """(camera height, camera width): 0 for straight light, 1 + the index of the largest way, −1 for dark pixels."""
         found = np.where(self.flags.any(axis=0), 1 + np.argmax(self.shares, axis=0), 0)
         return np.where(self.lit, found, -1)
 
     def picture(self) -> NDArray[np.uint8]:
-        """Each pixel in the colour of the way that most of its light came, if not straight."""
+        """Returns each pixel in the colour of its largest way, or of straight light."""
         return np.array([each.colour for each in (STRAIGHT, *WAYS, DARK)], np.uint8)[self.first]
 
     def to_json(self) -> dict[str, dict[str, float]]:
-        """Camera pixels of each way: shown in its colour, all that have it, and its share of all light that is told."""
+        """Returns per way: camera pixels in its colour, all pixels that have it, and its share of the light."""
         counts = np.bincount(self.first.ravel() % (2 + len(WAYS)), minlength=2 + len(WAYS))
         lit = max(int(self.lit.sum()), 1)
         shares = [float(each[self.lit].sum() / lit) for each in self.shares]
@@ -96,15 +98,15 @@ class Ways:
         return {way.name: {"shown": int(a), "all": int(b), "share": share} for way, a, b, share in rows}
 
     def finest(self, contrast: float = 0.5) -> FloatArray:
-        """Projector pixels of the finest stripes that keep so much of their contrast, infinite if none does."""
+        """Returns the period of the finest stripes that keep `contrast`, in projector pixels; infinite if none do."""
         told = self.contrast >= contrast
         return np.where(told.any(axis=2), np.array(PERIODS, np.float64)[np.argmax(told, axis=2)], np.inf)
 
 
 def ways_of(calibration: Calibration, transport: Transport) -> Ways:
-    """Look at every camera's pixels in every projector's light.
+    """Returns the ways of light, over every camera's pixels in every projector's light.
 
-    transport : T of `calibration`; where several projectors light a pixel, each has its share of the light.
+    transport : T of `calibration`. Where several projectors light a pixel, each contributes its share of the light.
     """
     shape, pixels = calibration.camera.shape, np.arange(calibration.camera.pixels).reshape(calibration.camera.shape)
     seen = _Sums.dark(shape)
@@ -119,7 +121,7 @@ def ways_of(calibration: Calibration, transport: Transport) -> Ways:
 
 
 class _Seen:
-    """One camera's pixels in one projector's light; pictures (camera height, camera width, …)."""
+    """One camera's pixels in one projector's light; pictures are (camera height, camera width, …)."""
 
     def __init__(self, told: Footprints, camera: Shape, projector_pixels: int) -> None:
         self.light, self._main, self._second = (each.reshape(camera) for each in (told.light, told.main, told.second))
@@ -131,7 +133,7 @@ class _Seen:
         self._lit = bright(self.light)
 
     def by_way(self) -> FloatArray:
-        """Light of each of WAYS, (WAYS, camera height, camera width)."""
+        """Returns the light of each of WAYS, (WAYS, camera height, camera width)."""
         lines = Lines(self._middle, self._lit)
         scattered, blurred, parted = self._widened()
         bent = (lines.bent(self._middle) | parted) & ~scattered
@@ -149,7 +151,7 @@ class _Seen:
         )
 
     def _widened(self) -> tuple[BoolArray, BoolArray, BoolArray]:
-        """Where footprints are wider than pixels are: for what is below the surface, for a lens, or as many spots."""
+        """Returns where footprints are wider than pixels: by scattering, by a lens, and by separate spots."""
         spread = np.stack([_median(each, self._lit) for each in np.moveaxis(self.spread, 2, 0)])
         mean = spread.mean(axis=0)
         excess = mean - self._of_pixels(self._lit)
@@ -161,14 +163,14 @@ class _Seen:
         return scattered, wide & filled & (excess > FAR_WIDE) & ~scattered, wide & ~filled & (excess > FAR_WIDE)
 
     def _of_pixels(self, lit: BoolArray) -> FloatArray:
-        """The mean squared distance from the middle in what a camera's pixel sees, that far footprints move."""
+        """Returns the part of the spread that comes from the sizes of the pixels alone."""
         steps = [_least_step(self._middle, lit, axis) for axis in (0, 1)]
-        return (steps[0] + steps[1] + 2) / 12  # of squares, the camera's pixel and the projector's
+        return (steps[0] + steps[1] + 2) / 12  # variance of two squares, the camera's pixel and the projector's pixel
 
 
 @dataclass
 class _Sums:
-    """What is summed over cameras and projectors."""
+    """Sums over cameras and projectors."""
 
     light: FloatArray
     by_way: FloatArray
@@ -204,24 +206,27 @@ class _Sums:
 
 
 def bright(light: FloatArray) -> BoolArray:
-    """Where there is light enough to say where it comes from."""
+    """Returns where there is enough light to tell its way."""
     if not light.any():
         return np.zeros(light.shape, bool)
     return np.asarray(light > FAINTEST * np.percentile(light[light > 0], BRIGHT_PERCENTILE))
 
 
 def _median(values: FloatArray, lit: BoolArray) -> FloatArray:
-    """Of each pixel and its neighbours: single ones lie on edges."""
+    """Returns the median of each pixel and its neighbours, because single pixels lie on edges."""
     return np.asarray(ndimage.median_filter(np.where(lit, values, 0), 3, mode="nearest"))
 
 
 def most_around(flags: BoolArray) -> BoolArray:
-    """What most of each pixel's neighbours are, itself among them."""
+    """Returns the majority of each 3×3 neighbourhood."""
     return np.asarray(ndimage.uniform_filter(flags.astype(np.float64), 3, mode="nearest") > 0.5)
 
 
 def _least_step(middle: FloatArray, lit: BoolArray, axis: int) -> FloatArray:
-    """Squared distances, pixels², to the nearer of the neighbours' middles along an axis: edges are steps, too."""
+    """Returns squared distances, pixels², to the nearer of the two neighbouring middles along an axis.
+
+    The nearer is taken because edges also make steps.
+    """
     known = np.where(lit[..., None], middle, np.nan)
     steps = (np.diff(known, axis=axis) ** 2).sum(axis=2)
     ends = [(0, 0), (0, 0)]

@@ -1,7 +1,7 @@
-"""The child processes that decode, and the parent's end of them: media in, planes of samples with their time out.
+"""The child processes that decode, and the parent's end of them: media in, planes of samples with their times out.
 
-source.py is what every kind of medium offers; media.py chooses by name, pixels.py turns FFmpeg's pictures into planes.
-decoder.py, audio_decoder.py and sound_copier.py are the processes; decoder_link.py starts, hears and ends them,
-ffmpeg_log.py keeps their messages out of Python.
-Used through player/media/video.py, audio.py and sound_track.py. Read next: source.py, decoder.py.
+source.py defines what every kind of medium offers. media.py chooses the source by name, and pixels.py converts FFmpeg's
+pictures into planes. decoder.py, audio_decoder.py and sound_copier.py are the processes. decoder_link.py starts them,
+receives their events and ends them. ffmpeg_log.py keeps FFmpeg's messages out of Python.
+Used by player/media/video.py, audio.py and sound_track.py. Read next: source.py, decoder.py.
 """

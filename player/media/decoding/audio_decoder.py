@@ -1,8 +1,8 @@
-"""The audio decoder process: `python -m counterlight.media.decoding.audio_decoder`, started by media/audio.py alone.
+"""The audio decoder process: `python -m counterlight.media.decoding.audio_decoder`, started only by media/audio.py.
 
-Reads the medium, then orders (JSON lines {"serial": n, "time_s": t, "speed": v}), from stdin; writes blocks to stdout:
-HEADER (serial, samples), then as many stereo pairs of float32 at RATE, the first one at `time_s` of the medium, `speed`
-media seconds a second. A block of no samples is the end; one of serial -1 says that there is no sound.
+Reads from stdin the medium, then orders: JSON lines {"serial": n, "time_s": t, "speed": v}. Writes blocks to stdout:
+HEADER (serial, samples), then that many stereo pairs of float32 at RATE. The first pair is at `time_s` of the medium,
+and `speed` media seconds last one second. A block of 0 samples marks the end; serial −1 says that there is no sound.
 """
 
 import json
@@ -33,7 +33,7 @@ Samples = NDArray[np.float32]
 
 
 class Orders:
-    """The latest order on stdin. Quits the process when the parent goes."""
+    """The latest order on stdin. The process quits when the parent closes its pipe."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream, self._changed = stream, threading.Condition()
@@ -60,7 +60,7 @@ class Orders:
 
 
 def decoded(medium: Medium, time_s: float, speed: float) -> Iterator[Samples]:
-    """Stereo pairs (samples, 2) from `time_s` after the first picture; nothing if there is no sound."""
+    """Yield stereo pairs, (samples, 2), from `time_s` after the first picture on. Yields none if there is no sound."""
     with open_file(medium, Path(medium.name)) as container:
         if not container.streams.audio:
             return
@@ -72,7 +72,7 @@ def decoded(medium: Medium, time_s: float, speed: float) -> Iterator[Samples]:
         tempo, lacking = _tempo(speed), None
         for frame in chain(container.decode(stream), [None]):
             for pairs in (_pairs(piece) for piece in resampler.resample(frame)):
-                if lacking is None:  # of the first samples: how many come too early (negative), or are missing
+                if lacking is None:  # at the first samples: how many come too early (negative) or are missing
                     assert frame is not None
                     lacking = round(((frame.time or 0.0) - origin_s - time_s) * RATE)
                     if lacking > 0:
@@ -86,12 +86,12 @@ def decoded(medium: Medium, time_s: float, speed: float) -> Iterator[Samples]:
 
 
 class _Tempo:
-    """FFmpeg's atempo: faster or slower at the same pitch."""
+    """FFmpeg's filter atempo: changes the speed and keeps the pitch."""
 
     def __init__(self, speed: float) -> None:
         self._graph = av.filter.Graph()
         nodes = [self._graph.add_abuffer(sample_rate=RATE, format="flt", layout="stereo")]
-        while speed < 0.5:  # the filter's least
+        while speed < 0.5:  # smallest factor of the filter
             nodes.append(self._graph.add("atempo", "0.5"))
             speed /= 0.5
         nodes += [self._graph.add("atempo", f"{speed:.9g}"), self._graph.add("abuffersink")]
@@ -129,7 +129,7 @@ def _pairs(frame: av.AudioFrame) -> Samples:
 
 
 def main(medium: Medium, orders: Orders, out: IO[bytes]) -> None:
-    """Follow orders until the parent goes; silence for what cannot be decoded."""
+    """Follow orders until the parent ends. Undecodable parts are silent."""
     while True:
         order = orders.wait()
         serial, sent = int(order["serial"]), 0
@@ -140,7 +140,7 @@ def main(medium: Medium, orders: Orders, out: IO[bytes]) -> None:
                 out.write(HEADER.pack(serial, len(pairs)) + pairs.tobytes())
                 sent += len(pairs)
         except (av.FFmpegError, InputError, OSError, ValueError):
-            pass  # the picture's decoder says what is wrong with the file
+            pass  # the picture's decoder reports what is wrong with the file
         if not orders.waiting:
             out.write(HEADER.pack(serial if sent or order["time_s"] else NO_SOUND, 0))
         out.flush()
@@ -154,4 +154,4 @@ if __name__ == "__main__":
         medium = Medium(**json.loads(sys.stdin.buffer.readline()))
         main(medium, Orders(sys.stdin.buffer), private_stdout())
     finally:
-        os._exit(1)  # the parent has gone
+        os._exit(1)  # the parent has ended

@@ -1,6 +1,6 @@
-"""A decoder's process from both sides: how the player starts and buries it, what the process does to itself.
+"""The life of a decoder process, from both sides: how the player starts and ends it, and how it limits itself.
 
-Imported before anything large, so that a decoder's first sign of life comes as soon as Python runs.
+Imported before any large module, so that a decoder's first sign of life comes as soon as Python runs.
 """
 
 import atexit
@@ -18,21 +18,24 @@ from counterlight.errors import InputError
 
 MAX_ADDRESS_SPACE = 6 << 30
 MAX_UNSENT = 1 << 20  # bytes
-LAST_WORDS_S = 1.0  # from the wish that a decoder ends to its end by force
+LAST_WORDS_S = 1.0  # time from the request to end until the process is killed
 _graves: set[threading.Thread] = set()
 
 
 def start_child(module: str, errors: IO[bytes] | int, files: Sequence[int] = ()) -> subprocess.Popen[bytes]:
-    """Run a module with this interpreter, in a process group of its own: Ctrl-C is for the parent to handle.
+    """Run a module with this interpreter, in its own process group, because the parent handles Ctrl-C.
 
-    What it is to do is the first line that it reads, and not on its command line, which everybody can read.
+    The child reads its task as the first line of stdin, because every user can read command lines.
+    Raises InputError if no process can be started.
 
-    files : descriptors that it inherits.
-    Raises InputError when the system gives no process.
+    module : name of the module.
+    errors : receives stderr.
+    files : descriptors that the child inherits.
     """
-    package_folder = str(Path(__file__).absolute().parents[3])  # links stay: the package may be laid out in them
+    # links are not resolved, because the package may be laid out in links
+    package_folder = str(Path(__file__).absolute().parents[3])
     search = os.pathsep.join(filter(None, [package_folder, os.environ.get("PYTHONPATH")]))
-    # One BLAS thread and few arenas: each would reserve address space, which the decoder limits for itself.
+    # One BLAS thread and few arenas, because each reserves address space, which the decoder limits.
     environment = os.environ | {"PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "4"}
     try:
         return subprocess.Popen(
@@ -49,7 +52,7 @@ def start_child(module: str, errors: IO[bytes] | int, files: Sequence[int] = ())
 
 
 class Letters:
-    """Lines to a child, written without ever waiting: what its pipe does not take now is kept for the next time."""
+    """Sends lines to a child without ever waiting. Bytes that the pipe does not accept are kept for the next call."""
 
     def __init__(self, child: subprocess.Popen[bytes]) -> None:
         assert child.stdin is not None
@@ -60,17 +63,18 @@ class Letters:
         self._unsent += line + b"\n"
         self.flush()
         if len(self._unsent) > MAX_UNSENT:
-            self._child.kill()  # it does not read; its listener will hear that it has died
+            self._child.kill()  # the child does not read; its listener will report its death
 
     def flush(self) -> None:
-        """Write what is left, as far as it is taken."""
-        with contextlib.suppress(ValueError, OSError):  # full, or dead, which arrives as an event
+        """Write the remaining bytes, as far as the pipe accepts them."""
+        # the pipe is full, or the child is dead, which arrives as an event
+        with contextlib.suppress(ValueError, OSError):
             while self._unsent:
                 del self._unsent[: os.write(self._pipe.fileno(), self._unsent)]
 
 
 def bury(child: subprocess.Popen[bytes], afterwards: Callable[[], None], patience_s: float = LAST_WORDS_S) -> None:
-    """See a child to its end beside the show, killing it after a while; then do what is left to do."""
+    """End a child in the background, by force after `patience_s`. Then call `afterwards`."""
     assert child.stdin is not None
     with contextlib.suppress(OSError):
         child.stdin.close()
@@ -92,7 +96,7 @@ def bury(child: subprocess.Popen[bytes], afterwards: Callable[[], None], patienc
 
 
 def all_buried(patience_s: float = 2 * LAST_WORDS_S) -> None:
-    """Wait until every child that was to end has ended; one that the kernel holds is given up."""
+    """Wait for all children that were told to end. Give up on processes that the kernel blocks."""
     until = time.monotonic() + patience_s
     for grave in list(_graves):
         grave.join(max(until - time.monotonic(), 0.0))
@@ -102,7 +106,7 @@ atexit.register(all_buried)
 
 
 def private_stdout() -> IO[bytes]:
-    """Keep the pipe to the parent for events: libraries print warnings to file descriptor 1."""
+    """Reserve the pipe to the parent for events, because libraries print warnings to file descriptor 1."""
     pipe = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
@@ -110,9 +114,9 @@ def private_stdout() -> IO[bytes]:
 
 
 def limit_memory(most: float = MAX_ADDRESS_SPACE) -> None:
-    """Bound the address space, so that a hostile header fails here and does not swap the machine to death.
+    """Limit the address space, so that a hostile header fails here instead of making the machine swap.
 
-    most : bytes; infinity takes the bound back.
+    most : bytes; infinity removes the limit.
     """
     try:
         import resource

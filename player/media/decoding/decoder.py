@@ -1,15 +1,15 @@
-"""The decoder process: `python -m counterlight.media.decoding.decoder`, started by player/media/video.py alone.
+"""The decoder process: `python -m counterlight.media.decoding.decoder`, started only by player/media/video.py.
 
-Reads its arguments and then commands (JSON lines) from stdin, writes events to stdout:
+Reads its arguments and then commands (JSON lines) from stdin, and writes events to stdout:
 
     in   {"medium": {…}, "loop": …, …}   {"free": slot}   {"seek": order}   {"quit": true}   end of file = quit
          {"skip": seconds, "serial": n}   (pictures that end before that time are no longer wanted)
-    out  {"opened": {…}, "slots": n}   (the ring is there, the first picture decoded)
+    out  {"opened": {…}, "slots": n}   (the ring exists, the first picture is decoded)
          {"frame": {…}, "serial": n}   {"end": true, "serial": n}   {"error": line, "serial": n}   {"notice": line}
-         {"changed": line}   (a live source sends other pictures than those that were told: open it again)
+         {"changed": line}   (a live source has changed its picture format: open it again)
          {"busy_s": seconds}   (the heartbeat: time spent on the current picture)
 
-It beats before it imports what decodes, so that one that does not start is told from one that is slow.
+Heartbeats begin before the decoding modules are imported. They distinguish a slow process from one that does not start.
 """
 
 import json
@@ -24,7 +24,7 @@ from counterlight.media.decoding.mailbox import Events, Mailbox
 
 
 def main() -> None:
-    """Open the medium, then follow orders until told to quit."""
+    """Open the medium, then follow commands until the process is told to quit."""
     events = Events(private_stdout())
     arguments = json.loads(sys.stdin.buffer.readline())
     mailbox = Mailbox(sys.stdin.buffer)
@@ -39,7 +39,7 @@ if __name__ == "__main__":
     limit_memory()
     try:
         main()
-    except BrokenPipeError:  # the parent has gone
+    except BrokenPipeError:  # the parent has ended
         os._exit(0)
     except BaseException:
         traceback.print_exc()

@@ -1,7 +1,7 @@
-"""The parent's end of a decoder process: start it, hear it, share memory with it, end it. Nothing here waits.
+"""The parent's end of a decoder process: starts it, receives its events, shares memory with it, ends it. Never waits.
 
-Commands and events are JSON lines (decoder.py lists them); pixels go through a ring of slots in memory that both map
-and that has no name, so that nothing is left of it whoever is killed.
+Commands and events are JSON lines (decoder.py lists them). Pixels pass through a ring of slots in anonymous shared
+memory, which disappears with the processes, however they end.
 """
 
 import contextlib
@@ -21,15 +21,16 @@ from counterlight.errors import InputError
 from counterlight.media.decoding.child import Letters, bury, start_child
 from counterlight.media.frames import PixelFormat, slot_bytes, slot_planes
 
-FIRST_SIGN_S = 5.0  # Python starts in a tenth of a second, on a busy machine in one
-SILENCE_S = 2.0  # four heartbeats: the process is stopped
-STUCK_S = 60.0  # on one picture; the slowest accepted (2^26 pixels) takes a few, a deadlocked codec takes for ever
+FIRST_SIGN_S = 5.0  # Python starts in a tenth of a second, on a busy machine in a second
+SILENCE_S = 2.0  # four heartbeats; a process silent for longer counts as stopped
+# limit per picture; the slowest accepted picture (2^26 pixels) takes a few seconds, a deadlocked codec never ends
+STUCK_S = 60.0
 
 
 class DecoderLink:
     """One decoder process, its ring, and a thread that turns its lines into events.
 
-    Raises InputError when the system has no process or no memory for it.
+    Raises InputError if no process or memory is available.
     """
 
     def __init__(self, number: int, arguments: dict[str, Any]) -> None:
@@ -55,7 +56,7 @@ class DecoderLink:
         self._listener.start()
 
     def receive(self, timeout_s: float) -> dict[str, Any] | None:
-        """The next event, or None when none arrives in time."""
+        """Return the next event, None if none arrives within `timeout_s`."""
         self._letters.flush()
         try:
             return self._events.get(timeout=timeout_s) if timeout_s else self._events.get_nowait()
@@ -67,9 +68,9 @@ class DecoderLink:
 
     @property
     def hangs(self) -> bool:
-        """Whether it has given no sign of life for too long, or is busy with one picture for ever.
+        """Whether the process has been silent for too long, or has spent too long on one picture.
 
-        Does not count the seconds in which nobody looked: we may have been stopped, too.
+        Ignores seconds in which this property was not read, because the parent may have been stopped too.
         """
         now = time.monotonic()
         if now - self._looked > 0.5 * SILENCE_S:
@@ -78,7 +79,7 @@ class DecoderLink:
         return now - self._heard > (SILENCE_S if self._speaks else FIRST_SIGN_S) or self.busy_s > STUCK_S
 
     def map_ring(self, slots: int, pixels: PixelFormat) -> None:
-        """Map the ring that the decoder has made."""
+        """Map the ring that the decoder has created."""
         size = slots * slot_bytes(pixels)
         if os.fstat(self._memory).st_size != size:
             raise InputError("the decoder's ring is not of the size that it told; play the medium again")
@@ -93,14 +94,14 @@ class DecoderLink:
         self.process.kill()
 
     def close(self) -> None:
-        """Have it quit, and free everything but the ring that frames may still show; what takes time is done beside."""
+        """Make the process quit, in the background. Frees everything but a ring whose frames are still held."""
         if self._closed:
             return
         self._closed = True
         self.send({"quit": True})
         self._planes = []
         if self._ring is not None:
-            with contextlib.suppress(BufferError):  # a frame is still held: the mapping lives as long as it
+            with contextlib.suppress(BufferError):  # a frame is still held, and keeps the mapping alive
                 self._ring.close()
         bury(self.process, self._clear)
 
@@ -129,7 +130,7 @@ class DecoderLink:
 
 
 def _nameless_file() -> int:
-    """A descriptor of memory that two processes can map; where the system has none, of a file without a name."""
+    """Return a descriptor of memory that two processes can map, or of an anonymous file where no such memory exists."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("counterlight-ring")
     with tempfile.TemporaryFile() as file:

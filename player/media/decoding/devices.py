@@ -1,4 +1,4 @@
-"""Devices that decode films, through PyAV; a processor always can."""
+"""Hardware devices that decode films, through PyAV. The processor can always decode."""
 
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ TYPES = "cuda", "vaapi", "videotoolbox", "d3d11va", "qsv", "amf", "vulkan"
 
 
 def devices_of(hwdec: str) -> "list[HWAccel]":
-    """Those to be tried, the first one first: of `TYPE`, `TYPE:DEVICE` or `auto`; only types that this FFmpeg has."""
+    """Return the devices to try, in order, for `TYPE`, `TYPE:DEVICE` or `auto`. Includes only types of this FFmpeg."""
     from av.codec.hwaccel import HWAccel, hwdevices_available
 
     kind, _, device = hwdec.partition(":")

@@ -1,4 +1,4 @@
-"""Videos, pictures and numbered pictures by FFmpeg, through PyAV. Live sources: live_source.py."""
+"""Videos, pictures and numbered pictures, read by FFmpeg through PyAV. live_source.py reads live sources."""
 
 import re
 from collections.abc import Iterator
@@ -36,10 +36,10 @@ _FIX = f"it is damaged, larger than {MAX_PIXELS} pixels or of an unknown kind: c
 
 
 class FfmpegSource:
-    """Whatever FFmpeg reads: videos, pictures, numbered pictures.
+    """A medium that FFmpeg reads: a video, a picture, or numbered pictures.
 
-    tolerant : leave out pictures that cannot be decoded, and take an early end for the end; a line says so, once.
-    hwdec : what decodes films, see devices.py.
+    tolerant : skip pictures that cannot be decoded, and accept an early end. One notice reports this.
+    hwdec : device that decodes films, see devices.py.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class FfmpegSource:
         self._device: HWAccel | None = None
         self.path = Path(medium.name) if medium.live() is None else medium.name
         self.notices: list[str] = []
-        self._damage: InputError | None = None  # the first that was tolerated
+        self._damage: InputError | None = None  # the first damage that was tolerated
         self._told = False
         self.end_s = 0.0
         self._picture = False
@@ -63,11 +63,11 @@ class FfmpegSource:
         self._check_trailer()
 
     def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
-        """See Source. Decodes from the key frame before `from_s` and drops what comes too early.
+        """See Source. Decodes from the key frame before `from_s` on, and drops earlier pictures.
 
-        Raises InputError at damage; if tolerant, only when the whole medium has no good picture.
+        Raises InputError at damage; if tolerant, only if the medium has no good picture.
         """
-        fresh, self._fresh = self._fresh, None  # the pictures that opening has decoded
+        fresh, self._fresh = self._fresh, None  # the pictures that were decoded while opening
         pictures, good = fresh if fresh is not None and from_s <= 0 else self._from(from_s), 0
         for picture in pictures:
             if is_wanted(picture.time_s, picture.time_s + picture.duration_s, from_s, after=after):
@@ -80,13 +80,13 @@ class FfmpegSource:
         yield from self._news()
 
     def _news(self) -> Iterator[str]:
-        """What was tolerated, the first time."""
+        """Yield a line about tolerated damage, once."""
         if self._damage is not None and not self._told:
             self._told = True
             yield f"{str(self._damage).removesuffix(f'; {_FIX}')}; left out, as all that cannot be decoded"
 
     def _tolerate(self, damage: InputError) -> None:
-        """Raise it, unless it is to be tolerated."""
+        """Record a damage if tolerant, otherwise raise it."""
         if not self._tolerant:
             raise damage from None
         self._damage = self._damage or damage
@@ -105,7 +105,7 @@ class FfmpegSource:
         self._stream = self._video_stream()
 
     def _video_stream(self) -> av.VideoStream:
-        """Choose FFmpeg's best video stream and set its decoder up."""
+        """Choose FFmpeg's best video stream, and configure its decoder."""
         container_name = self._container.format.name
         stream = self._container.streams.best("video")
         if stream is None or stream.disposition & stream.disposition.attached_pic:
@@ -125,7 +125,7 @@ class FfmpegSource:
         return stream
 
     def _first(self, pictures: Iterator[Decoded]) -> tuple[Decoded, Tags]:
-        """Decode the first picture and put it back; one that no second follows is a still."""
+        """Decode the first picture and put it back. A medium without a second picture is a still."""
         first = next(pictures, None)
         if first is None:
             raise self._damage or InputError(f"{self.path}: FFmpeg decodes no picture from it; {_FIX}")
@@ -144,9 +144,9 @@ class FfmpegSource:
         return first, tags
 
     def _decode_on(self, hwdec: str) -> Decoded:
-        """Begin again on a GPU, or else on the processor, which a line then says; the first picture.
+        """Start again on a GPU, or on the processor with a notice if no GPU can decode. Returns the first picture.
 
-        Tags stay those that the processor's decoder has told: PyAV brings down pictures without them.
+        The tags are those of the processor's decoder, because the pictures that PyAV downloads from a GPU have none.
         """
         why = "no such device here"
         for self._device in devices_of(hwdec):
@@ -162,7 +162,7 @@ class FfmpegSource:
         return self._begin_again()
 
     def _begin_again(self) -> Decoded:
-        """The first picture, decoded as is wanted now, and put back."""
+        """Reopen the medium with the present device. Returns the first picture, which is also put back."""
         pictures = self._reopened()
         first = next(pictures)
         self._fresh = chain([first], pictures)
@@ -195,7 +195,7 @@ class FfmpegSource:
         return self._sequence.count if self._sequence else self._stream.frames or None
 
     def _declared_s(self) -> float | None:
-        """How long the video stream says it is, in seconds; None when it does not say."""
+        """Return the duration in seconds that the video stream declares, None if it declares none."""
         if self._sequence:
             return self._sequence.count / self._sequence.rate
         time_base = self._stream.time_base or Fraction(0)
@@ -205,12 +205,12 @@ class FfmpegSource:
             declared = sum(float(part) * unit for part, unit in zip(clock.groups(), (3600, 60, 1), strict=True))
         else:
             return None
-        # These two count from zero, also when the first picture comes later.
+        # These two count from zero, even if the first picture comes later.
         counts_from_zero = self._container.format.name in ("avi", "matroska,webm")
         return declared - max(0.0, float((self._origin or 0) * time_base)) if counts_from_zero else declared
 
     def _from(self, from_s: float) -> Iterator[Decoded]:
-        """Pictures from a key frame at or before `from_s`."""
+        """Return pictures from a key frame at or before `from_s`."""
         if self._origin is not None and self._stream.time_base is not None:
             try:
                 target = self._origin + int(max(from_s, 0.0) / self._stream.time_base)
@@ -221,11 +221,11 @@ class FfmpegSource:
                     return chain([first], pictures)
             except (av.FFmpegError, InputError):
                 pass
-        # No timestamps, no index, or one that leads past the target: from the start, which always works.
+        # Without timestamps, or with a bad index: decode from the start, which always works.
         return self._reopened()
 
     def _read(self, *, resume: bool = False) -> Iterator[Decoded]:
-        """Decode from the container's position to its end, in presentation order with growing times."""
+        """Decode from the container's position to its end, in presentation order and with growing times."""
         count, end_s, next_s = 0, 0.0, 0.0
         for frame in self._frames(resume):
             if frame.pts is None or frame.time_base is None:
@@ -233,7 +233,7 @@ class FfmpegSource:
             else:
                 self._origin = frame.pts if self._origin is None else self._origin
                 time_s = float((frame.pts - self._origin) * frame.time_base)
-            time_s = max(time_s, next_s - 0.5 / self._rate()) if count else time_s  # timestamps that step back
+            time_s = max(time_s, next_s - 0.5 / self._rate()) if count else time_s  # timestamps may decrease
             duration_s = (
                 float(frame.duration * frame.time_base) if frame.duration and frame.time_base else 1 / self._rate()
             )
@@ -262,7 +262,10 @@ class FfmpegSource:
             self._tolerate(self._damaged(None if resume else count, reason(error)))
 
     def _decode(self, packet: "av.Packet[av.VideoStream]", number: int | None) -> list[av.VideoFrame]:
-        """The pictures that a packet completes.  number : of the first one, for the error."""
+        """Return the pictures that a packet completes.
+
+        number : number of the first picture, for an error message.
+        """
         try:
             return [frame for frame in packet.decode() if isinstance(frame, av.VideoFrame)]
         except (av.FFmpegError, OSError, MemoryError) as error:
@@ -290,7 +293,7 @@ class FfmpegSource:
         return self._codec in _CENTERED_CODECS
 
     def _check_picture(self, picture: Decoded) -> None:
-        """Raise InputError for a picture that is not like the first one, or that FFmpeg patched up if that matters."""
+        """Raise InputError for a picture that differs from the first in format, or for damage that is not tolerated."""
         number = round(picture.time_s * self.info.frames_per_second)
         if picture.corrupt:
             self._tolerate(self._damaged(number, "its data is damaged"))
@@ -300,7 +303,7 @@ class FfmpegSource:
             )
 
     def _unlike_the_first(self, picture: Decoded) -> str:
-        """`64x48, expected 32x24`, or nothing."""
+        """Return a text such as `64x48, expected 32x24`, or "" for the format of the first picture."""
         pixels, found, expected = self.info.format, picture.samples, self._plan
         if tuple((p.shape[1], p.shape[0]) for p in found.planes) != tuple((s.width, s.height) for s in expected[2]):
             height, width = found.planes[0].shape
@@ -310,10 +313,10 @@ class FfmpegSource:
         return ""
 
     def _check_complete(self, count: int | None, end_s: float) -> None:
-        """Raise InputError when the medium stops clearly before the end that it declares.
+        """Raise InputError if the medium ends clearly before its declared end.
 
-        Edit lists shorten the time but not the declared count, and containers round durations: hence both must fall
-        short, by more than 2 % and three frames.
+        Edit lists shorten the time but not the declared count, and containers round durations. Therefore both time and
+        count must be short, by more than 2 % and three frames.
         """
         if self._picture and not self._sequence:
             return
@@ -327,7 +330,7 @@ class FfmpegSource:
             raise InputError(f"{self.path}: ends early: {found}; the file is truncated, copy or export it again")
 
     def _check_trailer(self) -> None:
-        """A cut GIF decodes without complaint: its last byte must be the trailer `;`."""
+        """Raise InputError for a GIF without its trailer, the last byte `;`. FFmpeg accepts a cut GIF."""
         if self._codec != "gif":
             return
         path = Path(self.path)
@@ -342,12 +345,12 @@ class FfmpegSource:
 
 
 def _jpeg_ends(data: bytes) -> bool:
-    """Whether an end marker follows the last start of scan: FFmpeg fills a cut JPEG with gray and says nothing."""
+    """Whether an end marker follows the last start of scan. FFmpeg silently fills a cut JPEG with gray."""
     return data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
 
 
 def _failing(error: InputError) -> Iterator[Decoded]:
-    """An iterator whose first step raises."""
+    """Return an iterator whose first step raises."""
     yield from (_throw(error) for _ in range(1))
 
 
@@ -356,7 +359,7 @@ def _throw(error: InputError) -> Decoded:
 
 
 def _with(packet: "av.Packet[av.VideoStream]", data: bytes) -> "av.Packet[av.VideoStream]":
-    """A packet of the same stream and times with other bytes."""
+    """Return a packet of the same stream and times with other bytes."""
     other: Any = av.Packet(data)
     other.stream, other.pts, other.dts, other.time_base = packet.stream, packet.pts, packet.dts, packet.time_base
     other.duration = packet.duration

@@ -1,4 +1,4 @@
-"""The decoder process at work: a source's pictures, lap after lap, into the slots of the ring that the player shows."""
+"""The main work of the decoder process: decodes a source lap after lap into the slots of the ring."""
 
 import mmap
 import os
@@ -21,7 +21,7 @@ from counterlight.media.medium import Medium
 
 RING_SLOTS = 8
 LIVE_SLOTS = 3
-RING_BYTES = 512 << 20  # what decode-ahead may cost at most; at least two slots
+RING_BYTES = 512 << 20  # most bytes for decoding ahead; at least two slots
 
 
 def decode(arguments: dict[str, Any], mailbox: Mailbox, events: Events) -> None:
@@ -32,7 +32,7 @@ def decode(arguments: dict[str, Any], mailbox: Mailbox, events: Events) -> None:
     log_natively(av.logging.PANIC)
     hwdec = arguments["hwdec"]
     if hwdec != PROCESSOR:
-        limit_memory(float("inf"))  # drivers of GPUs map more than there is
+        limit_memory(float("inf"))  # GPU drivers map more memory than exists
     try:
         medium = Medium(**arguments["medium"])
         source = open_source(medium, arguments["frames_per_second"], tolerant=arguments["tolerant"], hwdec=hwdec)
@@ -48,7 +48,7 @@ def decode(arguments: dict[str, Any], mailbox: Mailbox, events: Events) -> None:
 
 
 def _make_ring(descriptor: int, info: MediaInfo) -> list[Any]:
-    """Make room for the slots that suit a medium, all of it there: a full memory would end in SIGBUS."""
+    """Allocate all slots for a medium. Allocation in advance avoids a later SIGBUS when memory is full."""
     size = slot_bytes(info.format)
     slots = 1 if info.still else max(2, min(LIVE_SLOTS if info.live else RING_SLOTS, RING_BYTES // size))
     try:
@@ -63,7 +63,7 @@ def _make_ring(descriptor: int, info: MediaInfo) -> list[Any]:
 
 
 def _follow(order: Order, source: Source, planes: list[Any], mailbox: Mailbox, events: Events, *, loop: bool) -> Order:
-    """Send frames as ordered, lap after lap if `loop`; returns the next order."""
+    """Send the ordered frames, lap after lap if `loop`. Returns the next order."""
     try:
         while _play_lap(order, source, planes, mailbox, events):
             if not loop:
@@ -79,7 +79,7 @@ def _follow(order: Order, source: Source, planes: list[Any], mailbox: Mailbox, e
 
 
 def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox, events: Events) -> bool:
-    """Send the frames from `order.time_s` to the end; False when a new order interrupts."""
+    """Send the frames from `order.time_s` to the end. Returns False if a new order interrupts."""
     asked, skipped, live = time.perf_counter(), 0, source.info.live
     for picture in source.lap(order.time_s, after=order.after):
         if isinstance(picture, str):
@@ -93,7 +93,7 @@ def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox,
             continue
         decode_s = time.perf_counter() - asked
         slot = mailbox.take_slot() if live else mailbox.wait_for_slot()
-        if slot is None and live:  # whoever shows it is busy: the source must not wait
+        if slot is None and live:  # the player is busy, and a live source must not wait
             skipped += 1
             continue
         if slot is None:
@@ -104,7 +104,7 @@ def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox,
         else:
             store(picture.samples, planes[slot], flip_rows=source.flip_rows)
             times = {"time_s": picture.time_s, "duration_s": picture.duration_s, "decode_s": decode_s}
-            times |= {"offset_s": order.offset_s, "lap_s": source.end_s}  # 0 until the first lap's length is known
+            times |= {"offset_s": order.offset_s, "lap_s": source.end_s}  # 0 until the length of the first lap is known
             events.send({"frame": times | {"slot": slot, "skipped": skipped}, "serial": order.serial})
             skipped = 0
         asked = time.perf_counter()
@@ -112,6 +112,6 @@ def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox,
 
 
 def _wait_for_the_end() -> NoReturn:
-    """Nothing is left to do; the process quits when the parent closes its pipe."""
+    """Wait until the parent closes its pipe, which ends the process."""
     threading.Event().wait()
     raise AssertionError

@@ -1,14 +1,14 @@
-"""Which media are live: cameras and streams, without an end and without a way back. Parses names only."""
+"""Recognises live media by name: cameras and streams, which have no end and cannot seek."""
 
 import re
 import stat
 from dataclasses import dataclass
 from pathlib import Path
 
-STEADY_S = 10.0  # what lasts as long may break off, or its decoder die, again: it is tried again as soon
+STEADY_S = 10.0  # after a connection of this length, the next attempt is immediate again
 _DEVICES = re.compile(r"(v4l2|lavfi|dshow|avfoundation|x11grab):(.+)", re.DOTALL)
 _STREAMS = re.compile(r"(rtsp|rtsps|rtmp|rtp|udp|srt|tcp)://.+")
-# What a stream of each kind is made of; FFmpeg opens nothing else for it, whatever the other end sends.
+# Protocols of each kind of stream. FFmpeg opens no other protocol for it, whatever the sender requests.
 _PROTOCOLS = {
     "rtsp": "rtp,srtp,udp,tcp",
     "rtsps": "rtp,srtp,udp,tcp,tls",
@@ -18,12 +18,17 @@ _PROTOCOLS = {
     "srt": "srt",
     "tcp": "tcp",
 }
-_DEVICE_PROTOCOLS = "file"  # a device has none; FFmpeg takes an empty list for all
+_DEVICE_PROTOCOLS = "file"  # a device uses no protocol, but FFmpeg takes an empty list for all protocols
 
 
 @dataclass(frozen=True)
 class LiveAddress:
-    """What FFmpeg opens: an address, the format that reads it (None: it finds out), the protocols that it may use."""
+    """What FFmpeg opens.
+
+    address : passed to FFmpeg.
+    format : FFmpeg's input format; None to detect it.
+    protocols : protocols that FFmpeg may use.
+    """
 
     address: str
     format: str | None
@@ -31,7 +36,7 @@ class LiveAddress:
 
 
 def live_address(name: str) -> LiveAddress | None:
-    """`v4l2:/dev/video0`, `/dev/video0`, `lavfi:testsrc`, `rtsp://…`, `udp://…`; None for files."""
+    """Parse `v4l2:/dev/video0`, `/dev/video0`, `lavfi:testsrc`, `rtsp://…`, `udp://…`. Returns None for files."""
     if match := _DEVICES.fullmatch(name):
         return LiveAddress(match[2], match[1], _DEVICE_PROTOCOLS)
     if match := _STREAMS.fullmatch(name):
@@ -42,7 +47,7 @@ def live_address(name: str) -> LiveAddress | None:
 
 
 def is_device(name: str) -> bool:
-    """Whether a name is that of a camera, a screen or a filter graph of this computer."""
+    """Whether a name means a camera, a screen or a filter graph of this computer."""
     return _DEVICES.fullmatch(name) is not None or name.startswith("/dev/")
 
 

@@ -1,4 +1,4 @@
-"""Cameras and streams that FFmpeg opens: no end, no seeking; a source that breaks off is opened again."""
+"""Cameras and streams that FFmpeg opens. They have no end and cannot seek; a lost source is opened again."""
 
 import time
 from collections.abc import Generator, Iterator
@@ -15,15 +15,15 @@ from counterlight.media.decoding.opening import open_live, reason
 from counterlight.media.decoding.source import Decoded, FormatChangedError
 from counterlight.media.medium import Medium
 
-RETRY_S = (0.5, 1.0, 2.0, 5.0)  # between attempts to open it again; the last one for ever
-MUTE_S = 10.0  # without a picture in what arrives: the sender has changed what it sends
-DAMAGE_TOLD_S = 60.0  # between two lines on damaged pictures
+RETRY_S = (0.5, 1.0, 2.0, 5.0)  # pauses between attempts to reopen; the last value repeats
+MUTE_S = 10.0  # limit without a picture among the received packets; the sender has then changed its streams
+DAMAGE_TOLD_S = 60.0  # time between two notices about damaged pictures
 _FIX = "check the address, and that nobody else uses the device"
 _OPTIONS = {"fflags": "nobuffer", "flags": "low_delay"}
 
 
 class LiveSource(FfmpegSource):
-    """A source whose pictures are due when they arrive: their time is that of this computer's clock."""
+    """A source whose pictures are due when they arrive. Their times are times of this computer's clock."""
 
     def __init__(self, medium: Medium, live: LiveAddress) -> None:
         self._live = live
@@ -35,9 +35,9 @@ class LiveSource(FfmpegSource):
         self.info = replace(self.info, live=True, still=False, duration_s=None, frames=None)
 
     def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
-        """Pictures without end, and a line for the user whenever the source is damaged, lost or back.
+        """Yield pictures without end, and a line for the user whenever the source is damaged, lost or back.
 
-        Raises FormatChangedError when they are no longer like the first.
+        Raises FormatChangedError if the pictures' format changes.
         """
         fresh, self._fresh = self._fresh, None
         pictures, last_s, tries = fresh if fresh is not None else self._read(), -1.0, 0
@@ -60,16 +60,16 @@ class LiveSource(FfmpegSource):
             pictures = self._read()
 
     def _damage_told(self) -> str:
-        """A line on damaged pictures, now and then; else an empty one."""
+        """Return a notice about damaged pictures, or "" if the last notice is recent."""
         if time.monotonic() - self._told_s < DAMAGE_TOLD_S:
             return ""
         self._told_s = time.monotonic()
         return f"{self.path}: damaged pictures are left out"
 
     def _reconnect(self, tries: int) -> Generator[str, None, int]:
-        """Open the source again, as often as it takes; empty lines are signs of life.
+        """Open the source again, with any number of attempts. Yields empty lines as signs of life.
 
-        tries : how often it has been opened lately; returns as much for the next time.
+        tries : recent attempts; the new number is returned.
         """
         self._container.close()
         for attempt in count(tries):
@@ -89,10 +89,10 @@ class LiveSource(FfmpegSource):
         except (av.FFmpegError, OSError, ValueError) as error:
             raise InputError(f"{self.path}: FFmpeg cannot open it ({reason(error)}); {_FIX}") from None
         self._stream = self._video_stream()
-        self._stream.thread_type = "SLICE"  # frame threads would hold pictures back
+        self._stream.thread_type = "SLICE"  # frame threads would delay pictures
 
     def _frames(self, resume: bool) -> Iterator[av.VideoFrame]:
-        """Decode what arrives; FFmpeg's errors are for `lap`. Filters make pictures at once: they are paced."""
+        """Decode the received packets. `lap` handles FFmpeg's errors. Waits for each picture of a filter to be due."""
         began_s = seen_s = time.monotonic()
         for packet in self._container.demux():
             if packet.stream != self._stream:
@@ -102,7 +102,7 @@ class LiveSource(FfmpegSource):
             seen_s = time.monotonic()
             try:
                 frames = packet.decode()
-            except av.InvalidDataError:  # a packet was lost: pictures go on with the next key frame
+            except av.InvalidDataError:  # a packet was lost; pictures resume with the next key frame
                 continue
             for frame in frames:
                 assert isinstance(frame, av.VideoFrame)

@@ -1,4 +1,4 @@
-"""What a decoder process hears and says: JSON lines from the player and to it (decoder.py lists them)."""
+"""The decoder process's end of the pipes: receives commands and sends events as JSON lines (decoder.py lists them)."""
 
 import json
 import os
@@ -13,7 +13,13 @@ HEARTBEAT_S = 0.5
 
 @dataclass(frozen=True)
 class Order:
-    """Where to start: the medium's time, whether strictly after it, and what to add to the times that are sent."""
+    """Where to start.
+
+    serial : number of the order.
+    time_s : time in the medium.
+    after : whether to start strictly after `time_s`.
+    offset_s : added to the times that are sent.
+    """
 
     serial: int
     time_s: float
@@ -22,7 +28,7 @@ class Order:
 
 
 class Mailbox:
-    """Commands as they arrive: free slots, the latest order. Quits the process on request, and when the parent goes."""
+    """The received commands: free slots and the latest order. Quits the process on request or when the parent ends."""
 
     def __init__(self, commands: IO[bytes]) -> None:
         self._commands = commands
@@ -34,23 +40,23 @@ class Mailbox:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def offer(self, slots: int) -> None:
-        """So many slots are free from now on."""
+        """Set the number of slots, all of them free."""
         self._free = list(range(slots))
 
     def wait_for_slot(self) -> int | None:
-        """A free slot, or None when a new order has come."""
+        """Wait for a free slot. Returns None if a new order has come."""
         with self._changed:
             self._wait(lambda: bool(self._free) or self._order is not None)
             return None if self._order is not None else self._free.pop(0)
 
     def take_slot(self) -> int | None:
-        """A slot that is free at present."""
+        """Return a free slot, None if there is none now."""
         self.is_alive()
         with self._changed:
             return self._free.pop(0) if self._free else None
 
     def is_alive(self) -> None:
-        """Something has happened: the work that the heartbeat times begins anew."""
+        """Record progress: the heartbeat's time for the current work starts again."""
         self._working_since = time.monotonic()
 
     def put_back(self, slot: int) -> None:
@@ -58,7 +64,7 @@ class Mailbox:
             self._free.insert(0, slot)
 
     def is_overtaken(self, serial: int, end_s: float) -> bool:
-        """Whether a picture that ends at `end_s` comes too late for whoever gave the order `serial`."""
+        """Whether a picture that ends at `end_s` is too late for the order `serial`."""
         return self._skip[0] == serial and end_s <= self._skip[1]
 
     def wait_for_order(self) -> Order:
@@ -85,7 +91,7 @@ class Mailbox:
             with self._changed:
                 self._take(command)
                 self._changed.notify_all()
-        # Whatever the codecs are doing: the parent has gone or wants us gone, and the kernel cleans up.
+        # The parent has ended or requests the end. An immediate exit is safe, because the kernel cleans up.
         os._exit(0)
 
     def _take(self, command: dict[str, Any]) -> None:
@@ -98,7 +104,7 @@ class Mailbox:
 
 
 class Events:
-    """Lines to the parent, from any thread."""
+    """Sends lines to the parent, from any thread."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream, self._lock = stream, threading.Lock()
@@ -109,7 +115,7 @@ class Events:
             self._stream.flush()
 
     def beat(self, mailbox: Mailbox) -> None:
-        """Send a heartbeat at once and for ever."""
+        """Send a heartbeat now and every HEARTBEAT_S, without end."""
         while True:
             self.send({"busy_s": mailbox.busy_s()})
             time.sleep(HEARTBEAT_S)

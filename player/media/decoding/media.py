@@ -1,4 +1,4 @@
-"""A name -> the source that decodes it: OpenEXR pictures here, the rest by FFmpeg."""
+"""Chooses the source for a medium's name: OpenEXR pictures are read here, all others by FFmpeg."""
 
 import os
 from collections.abc import Iterator
@@ -24,9 +24,10 @@ SEQUENCE_RATE = 25.0
 def open_source(
     medium: Medium, frames_per_second: float | None, *, tolerant: bool = False, hwdec: str = PROCESSOR
 ) -> Source:
-    """Open a file, a printf pattern such as `frames/%05d.png` or a live source, and decode its first picture.
+    """Open a file, a pattern such as `frames/%05d.png` or a live source, and decode its first picture.
 
-    tolerant : leave out what FFmpeg cannot decode; OpenEXR pictures must be whole.  hwdec : see devices.py.
+    tolerant : skip pictures that FFmpeg cannot decode. OpenEXR pictures must be complete.
+    hwdec : device that decodes films, see devices.py.
     """
     medium.check()
     live = medium.live()
@@ -77,9 +78,9 @@ class ExrSource:
 
 
 def _sequence(pattern: Path) -> tuple[int, list[Path]]:
-    """First number and files of a printf pattern; InputError when there is none or one is missing.
+    """Return the first number and the files of a pattern. Raises InputError if there is no file or a number is missing.
 
-    What a killed command had begun to put there is completed first.
+    Files that a killed command had staged are moved into place first.
     """
     finish(pattern)
     try:

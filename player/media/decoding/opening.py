@@ -1,7 +1,7 @@
-"""Where FFmpeg is let at media: which file, formats and protocols, and nothing that a medium names in turn.
+"""Opens media with FFmpeg, restricted to chosen files, formats and protocols.
 
-A film that is a list of others (HLS, ffconcat, SDP) under any name would have FFmpeg open what it lists: other files,
-pipes that nobody writes, addresses. FORMATS leaves those kinds out.
+A film may itself be a list of other media (HLS, ffconcat, SDP), under any name. FFmpeg would open what it lists: other
+files, pipes, addresses. FORMATS omits these formats.
 """
 
 from collections.abc import Mapping
@@ -15,10 +15,10 @@ from counterlight.errors import InputError
 from counterlight.media.decoding.live import LiveAddress
 from counterlight.media.medium import Medium
 
-OPEN_S, READ_S = 10.0, 5.0  # FFmpeg's patience with a network
-_PICTURES = "image2"  # by their names' endings; with a `*.y` it opens the files beside it that end in u and v, too
+OPEN_S, READ_S = 10.0, 5.0  # FFmpeg's time limits for networks
+_PICTURES = "image2"  # recognised by suffix; for a name `*.y` it also opens the files with suffix u and v
 _STREAMS = "rtsp,rtp"
-# Demuxers whose pictures are all in the one file or stream.
+# Demuxers whose pictures are all in one file or stream.
 FORMATS = (
     "4xm,anm,apng,apv,asf,asf_o,av1,avi,avs,avs2,avs3,bethsoftvid,bfi,bink,bmv,c93,cavsvideo,cdg,"
     "cdxl,cine,dfa,dhav,dirac,dnxhd,dsicin,dv,dxa,ea,ea_cdata,evc,film_cpk,filmstrip,fits,flic,flv,"
@@ -44,7 +44,7 @@ def open_file(
 
 
 def open_sequence(medium: Medium, pattern: Path, options: Mapping[str, str]) -> InputContainer:
-    """Open numbered pictures, each of which the caller has looked at with Medium.file."""
+    """Open numbered pictures. The caller has checked each of them with Medium.file."""
     if pattern.name.lower().endswith(".y"):
         raise InputError(f"{pattern}: planes in files of their own are not read; convert it to PNG")
     folder = str(medium.inside(pattern.parent)).replace("%", "%%")  # FFmpeg looks for the number in the whole path
@@ -59,7 +59,7 @@ def open_live(live: LiveAddress, options: Mapping[str, str]) -> InputContainer:
 
 
 def first_picture_s(container: InputContainer) -> float:
-    """Time stamp of the first picture, which the player's times count from."""
+    """Return the time stamp of the first picture, in seconds. The player's times count from it."""
     video = container.streams.best("video")
     if video is None or video.start_time is None or video.time_base is None:
         return 0.0
@@ -67,10 +67,10 @@ def first_picture_s(container: InputContainer) -> float:
 
 
 def reason(error: BaseException) -> str:
-    """FFmpeg's words without the path and the errno, in one line."""
+    """Return FFmpeg's error text in one line, without the path and the errno."""
     if isinstance(error, av.ArgumentError):
         return "a list of other media, or of a kind that is not read"
-    if isinstance(error, av.ExitError):  # FFmpeg says "Immediate exit requested" where its time is up
+    if isinstance(error, av.ExitError):  # FFmpeg says "Immediate exit requested" after a timeout
         return "no answer in time"
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(str(text).split()).rstrip(".")

@@ -1,7 +1,7 @@
-"""One decoded FFmpeg picture -> three planes of samples and what they mean.
+"""Unpacks one decoded FFmpeg picture into three planes of samples, and describes their meaning.
 
-Everything is unpacked with numpy, exactly; swscale has no part in it. Measured: it is biased from YUV to RGB, rescales
-yuvj formats to limited range without being asked, and its threads sometimes overwrite the end of each other's rows.
+numpy unpacks everything, exactly. swscale is not used: measured, it is biased from YUV to RGB, converts yuvj formats to
+limited range unasked, and its threads sometimes overwrite the end of each other's rows.
 """
 
 import ctypes
@@ -21,21 +21,26 @@ from counterlight.media.frames import PixelFormat, PlaneShape
 
 Plane = NDArray[Any]
 
-MAX_PIXELS = 1 << 26  # 8192², 800 MB as float32 RGB: more is taken for a damaged or hostile header
+MAX_PIXELS = 1 << 26  # 8192², 800 MB as float32 RGB; a larger size indicates a damaged or hostile header
 _MATRICES = {1: "bt709", 4: "bt601", 5: "bt601", 6: "bt601", 7: "bt709", 9: "bt2020", 10: "bt2020"}  # 7: SMPTE 240M
 _TRANSFERS = {1: "bt1886", 4: "gamma22", 5: "gamma28", 6: "bt1886", 7: "bt1886", 8: "linear", 11: "bt1886"}
 _TRANSFERS |= {13: "srgb", 14: "bt1886", 15: "bt1886", 16: "pq", 18: "hlg"}
-_PRIMARIES = {9: "bt2020", 11: "p3", 12: "p3"}  # DCI-P3's white is taken for the screen's
+_PRIMARIES = {9: "bt2020", 11: "p3", 12: "p3"}  # DCI-P3's white is treated as the screen's white
 _REFUSED = {8: "YCgCo", 14: "ICtCp", 15: "IPT-C2", 16: "YCgCo-Re", 17: "YCgCo-Ro"}
-UNTAGGED = 2  # of all kinds of tags
+UNTAGGED = 2  # FFmpeg's value for a missing tag of any kind
 _FULL = 2  # AVCOL_RANGE_JPEG
 _LIMITED = 1
-_MASTERING_MOST = 2 * 8 * 4 + 8  # AVMasteringDisplayMetadata: eight chromaticities and the least luminance before it
+# offset in AVMasteringDisplayMetadata, after eight chromaticities and the least luminance
+_MASTERING_MOST = 2 * 8 * 4 + 8
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Views of a picture's code values: Y, Cb, Cr or R, G, B (rows, columns), and alpha where it has one."""
+    """Views of a picture's code values.
+
+    planes : Y, Cb, Cr or R, G, B, (rows, columns) each.
+    alpha : (rows, columns); None without.
+    """
 
     layout: str
     depth: int
@@ -46,19 +51,19 @@ class Samples:
 
 @dataclass(frozen=True)
 class Tags:
-    """What the medium says (or does not say) about its colours, as FFmpeg's numbers."""
+    """FFmpeg's numbers for the medium's colour properties; UNTAGGED if the medium does not declare one."""
 
     matrix: int
     color_range: int
     transfer: int
-    picture: bool  # a still or a sequence of stills: sRGB and JFIF's BT.601 when untagged
+    picture: bool  # a still or a sequence of stills; if untagged, it is sRGB with JFIF's BT.601
     centered: bool  # chroma lies between the luma samples (JPEG, MPEG-1, WebP)
     primaries: int = UNTAGGED
     peak_nits: float = 0.0  # see PixelFormat
 
 
 def unpack(frame: av.VideoFrame, *, picture: bool) -> Samples:
-    """Give views of the planes of a decoded frame; InputError when its pixel format is not supported."""
+    """Return views of a decoded frame's planes. Raises InputError for an unsupported pixel format."""
     name = frame.format.name
     for pattern, read in _READERS:
         if match := re.fullmatch(pattern, name):
@@ -67,7 +72,7 @@ def unpack(frame: av.VideoFrame, *, picture: bool) -> Samples:
 
 
 def describe(samples: Samples, tags: Tags, *, rotation: int, pixel_aspect: float) -> PixelFormat:
-    """Everything that a shader needs to turn `samples` into linear RGB."""
+    """Return everything that a shader needs to convert `samples` into linear RGB."""
     height, width = samples.planes[0].shape
     transfer = _transfer(tags) if samples.layout != "radiance" else "linear"
     hdr = transfer in ("pq", "hlg")
@@ -89,7 +94,7 @@ def describe(samples: Samples, tags: Tags, *, rotation: int, pixel_aspect: float
 
 
 def store(samples: Samples, out: tuple[Plane, ...], *, flip_rows: bool) -> None:
-    """Copy the planes into `out`, composited over black in code values where there is an alpha plane."""
+    """Copy the planes into `out`. An alpha plane composites them over black, in code values."""
     step = -1 if flip_rows else 1
     opaque = samples.alpha is None or bool(samples.alpha.min() == _full_scale(samples))
     for i, (source, target) in enumerate(zip(samples.planes, out, strict=True)):
@@ -97,7 +102,7 @@ def store(samples: Samples, out: tuple[Plane, ...], *, flip_rows: bool) -> None:
 
 
 def check_finite(planes: tuple[Plane, ...], names: str = "RGB") -> None:
-    """Raise InputError saying how many values are NaN or infinite and where the first one is."""
+    """Raise InputError if there are NaN or infinite values, with their number and the place of the first."""
     bad = [~np.isfinite(plane) for plane in planes]
     count = sum(int(plane.sum()) for plane in bad)
     if not count:
@@ -109,14 +114,14 @@ def check_finite(planes: tuple[Plane, ...], names: str = "RGB") -> None:
 
 
 def peak_notice(pixels: PixelFormat) -> str | None:
-    """The one line that warns of HDR whose brightest light has to be guessed, or None."""
+    """Return a warning for HDR whose brightest light must be assumed, otherwise None."""
     if pixels.transfer != "pq" or pixels.peak_nits:
         return None
     return "PQ (HDR) that does not say how bright it gets; 1000 cd/m² are assumed, --hdr-peak says otherwise"
 
 
 def brightest_nits(frame: av.VideoFrame) -> float:
-    """cd/m² of the brightest pixel of a medium (MaxCLL), else of the display that it was made on; 0 where unsaid."""
+    """Return the cd/m² of the medium's brightest pixel (MaxCLL), else of its mastering display; 0 if undeclared."""
     light = _side_data(frame, "CONTENT_LIGHT_LEVEL")
     if light is not None and (most := struct.unpack_from("=I", light)[0]):
         return float(most)
@@ -128,10 +133,10 @@ def brightest_nits(frame: av.VideoFrame) -> float:
 
 
 def display_rotation(frame: av.VideoFrame) -> tuple[int, bool]:
-    """(degrees counter-clockwise, flip rows first) that bring the stored picture upright.
+    """Return (degrees counter-clockwise, flip rows first) that bring the stored picture upright.
 
-    The display matrix maps x' = a x + c y, y' = b x + d y. A mirrored one (ad − bc < 0) is a rotation after the rows
-    were flipped; both share a and b, from which the angle comes.
+    The display matrix maps x' = a x + c y, y' = b x + d y. A mirrored matrix (ad − bc < 0) is a rotation after flipping
+    the rows. Both kinds share a and b, which give the angle.
     """
     matrix = _side_data(frame, "DISPLAYMATRIX")
     if matrix is None:
@@ -142,8 +147,9 @@ def display_rotation(frame: av.VideoFrame) -> tuple[int, bool]:
 
 def _side_data(frame: av.VideoFrame, name: str) -> bytes | None:
     try:
-        side_data: list[Any] = list(frame.side_data)  # of SideData; PyAV's annotation says str
-    except ValueError:  # PyAV 18 does not know EXIF side data, and then lists none at all: a mirrored EXIF stays so
+        side_data: list[Any] = list(frame.side_data)  # elements are SideData, although PyAV's annotation says str
+    # PyAV 18 fails on EXIF side data and then lists none at all; a mirrored EXIF picture stays mirrored
+    except ValueError:
         return None
     return next((bytes(data) for data in side_data if data.type.name == name), None)
 
@@ -168,7 +174,7 @@ def _full_scale(samples: Samples) -> float:
 
 
 def _over_black(samples: Samples, i: int) -> Plane:
-    """Plane i times its opacity, around the code value that means black (or no colour)."""
+    """Return plane i times its opacity, around the code value of black (or of neutral chroma)."""
     assert samples.alpha is not None
     plane = samples.planes[i]
     rows, columns = (-(-a // p) for a, p in zip(samples.alpha.shape, plane.shape, strict=True))
@@ -189,7 +195,7 @@ def _zero_code(samples: Samples, i: int) -> int:
 
 
 def _plane(frame: av.VideoFrame, index: int, kind: str) -> Plane:
-    """Rows of a plane, (rows, line size), without copying; bottom-up pictures come with a negative line size."""
+    """Return the rows of a plane, (rows, line size), without copying. Bottom-up pictures have a negative line size."""
     plane: Any = frame.planes[index]  # a buffer, which PyAV does not annotate
     if plane.line_size >= 0:
         rows: Plane = np.frombuffer(plane, kind).reshape(plane.height, -1)
@@ -217,7 +223,7 @@ def _planar_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Sa
 
 
 def _coarse_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
-    """4:1:1, 4:1:0 and 4:4:0: chroma repeated to 4:2:2, 4:2:0 and 4:4:4, which shaders know."""
+    """Read 4:1:1, 4:1:0 and 4:4:0. Repeats chroma to 4:2:2, 4:2:0 and 4:4:4, which shaders support."""
     depth = int(match["depth"] or 8)
     y, cb, cr = (_planar(frame, i, _kind(depth, match["order"])) for i in range(3))
     rows, columns = {"11": (1, 2), "10": (2, 2), "40": (2, 1)}[match["sampling"]]
@@ -227,7 +233,7 @@ def _coarse_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Sa
 
 
 def _semi_planar_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
-    """nv12 and its kin: one plane of luma, one of chroma pairs; p010 and its kin keep their bits at the top."""
+    """Read nv12 and its variants: a luma plane and a plane of chroma pairs. p010 and its variants use the high bits."""
     depth = int(match["depth"] or 8)
     kind, shift = _kind(depth, match["order"]), 0 if depth == 8 else 16 - depth
     y, pairs = _planar(frame, 0, kind), _plane(frame, 1, kind)[:, : 2 * frame.planes[1].width]
@@ -237,7 +243,7 @@ def _semi_planar_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) 
 
 
 def _packed_422(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
-    """yuyv422 and its kin: two pixels in four samples; y210 likewise with its bits at the top."""
+    """Read yuyv422 and its variants: two pixels in four samples. y210 is the same with the bits at the top."""
     depth = int(match["depth"] or 8)
     order = match["letters"] or "yuyv"
     pairs = -(-frame.width // 2)
@@ -300,7 +306,7 @@ def _bits(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
 
 
 def _gray(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
-    """Gray as three equal planes, or as luma with one neutral chroma sample when its range is limited."""
+    """Return gray as three equal planes, or as luma with a single neutral chroma sample if its range is limited."""
     depth = int(match["depth"] or 8)
     gray = _planar(frame, 0, _kind(depth, match["order"]))
     if frame.color_range == _FULL or (picture and frame.color_range != _LIMITED):

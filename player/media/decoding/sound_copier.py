@@ -1,8 +1,8 @@
-"""The process that copies sound: `python -m counterlight.media.decoding.sound_copier`, started by media/sound_track.py.
+"""The process that copies sound: `python -m counterlight.media.decoding.sound_copier`. media/sound_track.py starts it.
 
-Reads one JSON line {"medium": …, "output": path, "start_s": t} from stdin, copies the packets of the medium's first
-sound track as they are, and writes one to stdout, behind empty ones as signs of life: {"copied": whether there is
-sound, "reason": why it cannot be}.
+Reads one JSON line {"medium": …, "output": path, "start_s": t} from stdin. Copies the packets of the medium's first
+sound track unchanged. Writes empty lines to stdout as signs of life, then {"copied": whether there is sound, "reason":
+error}.
 """
 
 import json
@@ -29,10 +29,12 @@ SIGN_EVERY_S = 1.0
 
 
 def copy(medium: Medium, output: Path, start_s: float, alive: Callable[[], None]) -> bool:
-    """Write the track to `output`, in NUT, which holds any codec at its own times; False if there is none.
+    """Write the track to `output`, in NUT, which holds every codec with its own times. Returns False without a track.
 
-    Times count from the medium's first picture; what ends before `start_s` is left out.
-    alive : called with each packet.  Raises FFmpeg's errors.
+    Times count from the medium's first picture. Packets that end before `start_s` are omitted.
+    Raises FFmpeg's errors.
+
+    alive : called with each packet.
     """
     with open_file(medium, Path(medium.name)) as source:
         if not source.streams.audio:
@@ -52,7 +54,7 @@ def copy(medium: Medium, output: Path, start_s: float, alive: Callable[[], None]
 def _timed(
     source: InputContainer, track: AudioStream, origin_s: float, start_s: float
 ) -> "Iterator[av.Packet[AudioStream]]":
-    """Packets from `start_s` on, at times from the first picture on; none before it: not every container holds them."""
+    """Yield the packets from `start_s` on, timed from the first picture. Not every container holds negative times."""
     shift = round(origin_s / track.time_base) if track.time_base else 0
     for packet in source.demux(track):
         if packet.pts is None or packet.dts is None or not packet.size:
@@ -63,7 +65,7 @@ def _timed(
 
 
 class _Life:
-    """An empty line to the parent every now and then."""
+    """Sends an empty line to the parent every SIGN_EVERY_S."""
 
     def __init__(self, pipe: IO[bytes]) -> None:
         self._pipe, self._told_s = pipe, time.monotonic()

@@ -1,6 +1,6 @@
-"""What every source of decoded pictures offers: laps, and pictures with their time.
+"""The interface of all sources of decoded pictures: laps, and pictures with their times.
 
-A lap is one pass from a given time to the end. Sources run inside the decoder process only.
+A lap is one pass from a given time to the end. Sources run only in the decoder process.
 """
 
 from collections.abc import Iterator
@@ -10,18 +10,20 @@ from typing import Protocol
 from counterlight.media.decoding.pixels import Samples
 from counterlight.media.frames import MediaInfo
 
-TIME_SLACK_S = 1e-6  # far below one frame, far above the rounding of a float64 time
+TIME_SLACK_S = 1e-6  # far below a frame's duration, far above the rounding of a float64 time
 
 
 class FormatChangedError(Exception):
-    """A live source sends pictures of another size or kind than before: whoever shows them has to open it again."""
+    """A live source has changed the size or format of its pictures, and must be opened again."""
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """One picture of a medium: seconds since the first one, and its samples (valid until the next is asked for).
+    """One picture of a medium.
 
-    corrupt : FFmpeg has patched it up; a source that yields it leaves it out.
+    time_s : since the first picture.
+    samples : valid until the next picture is requested.
+    corrupt : whether FFmpeg has concealed damage; such a picture is dropped.
     """
 
     time_s: float
@@ -39,9 +41,11 @@ class Source(Protocol):
     notices: list[str]
 
     def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
-        """Yield the pictures to the end: from the one shown at `from_s`, or the first that starts after it.
+        """Yield the pictures to the end, starting with the picture shown at `from_s`.
 
-        Between them, lines for the user; an empty one only says that the source is alive.
+        Also yields lines for the user. An empty line is only a sign of life.
+
+        after : whether to start with the first picture that begins after `from_s`.
         """
 
 
@@ -55,5 +59,5 @@ class Sequence:
 
 
 def is_wanted(picture_s: float, end_s: float, from_s: float, *, after: bool) -> bool:
-    """Whether a picture shown from `picture_s` to `end_s` belongs to the lap that was asked for."""
+    """Whether a picture shown from `picture_s` to `end_s` belongs to the requested lap."""
     return picture_s > from_s + TIME_SLACK_S or (not after and end_s > from_s + TIME_SLACK_S)

@@ -1,9 +1,10 @@
-"""TIFF pictures as FFmpeg's strict decoder takes them: without the tags that it does not know."""
+"""Prepares TIFF pictures for FFmpeg's strict decoder by removing the tags that it does not know."""
 
 import struct
 
-# The tags that FFmpeg 7's decoder reads and that say how pixels are stored. It refuses all others where damage is to be
-# an error: orientation, page or software, say, which other programs write.
+# The tags that FFmpeg 7's decoder reads and that describe how pixels are stored. In strict mode it refuses all other
+# tags,
+# such as orientation, page or software, which other programs write.
 KNOWN = {
     *(254, 256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 282, 283, 284),
     *(292, 293, 317, 320, 322, 323, 324, 325, 330, 530),
@@ -12,7 +13,7 @@ ENTRY = 12  # bytes
 
 
 def known_tags(data: bytes) -> bytes:
-    """A TIFF file's bytes with an index of KNOWN tags only; what is no TIFF file is given back as it is."""
+    """Return a TIFF file's bytes with only the KNOWN tags in its index. Other files are returned unchanged."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
     if order is None or len(data) < 8:
         return data

@@ -1,1 +1,1 @@
-"""The page: HTML, CSS and a script, which loads nothing from elsewhere and speaks as link.py and visitor.py do."""
+"""The page: HTML, CSS and a script. It loads nothing from other hosts, and uses the protocol of visitor.py."""

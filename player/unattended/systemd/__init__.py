@@ -1,4 +1,4 @@
-"""The systemd unit that keeps a show running: counterlight.service (docs/unattended.md tells how to install it).
+"""The systemd unit that keeps a show running: counterlight.service. docs/unattended.md explains its installation.
 
 No code lives here. Read next: player/unattended/supervisor.py, which the unit starts.
 """

@@ -1,4 +1,4 @@
-"""Figures in prose, by what they are of."""
+"""Figures in prose, by subject."""
 
 from tests.figures.prose import measuring, methods, refining, rig, scenes
 

@@ -1,4 +1,4 @@
-"""What acquisitions give and cost."""
+"""Sentences on the quality and cost of acquisitions."""
 
 from collections.abc import Sequence
 from itertools import starmap
@@ -18,7 +18,7 @@ ALL, EDGES = r"\w+", "folded_cards|glass|skull|statuette"
 
 
 def lost(t: Table, column: str, scheme: str, rooms: str = ALL, than: str = TRUTH) -> list[float]:
-    """Decibels, room by room, beside another scheme or the truth."""
+    """Returns the loss in dB per room, compared with another scheme or the truth."""
     best, found = (t(rf": (?:{rooms}) \| .* \| {each}$", column) for each in (than, scheme))
     return list(starmap(sub, zip(best, found, strict=True)))
 
@@ -36,7 +36,7 @@ def ratios(numbers: Sequence[float], others: Sequence[float]) -> list[float]:
 
 
 def short(t: Table, room: str, *counts: int) -> list[float]:
-    """What so many pictures first are below `hierarchical`."""
+    """Returns how many dB acquisitions with each count of pictures are below `hierarchical`."""
     whole = t.one(rf": {room}", "hierarchical")
     return [whole - t.one(rf": {room}", f"{count} pictures") for count in counts]
 

@@ -1,4 +1,4 @@
-"""What the study of all methods, Table 6.1 and hard cases say."""
+"""Sentences on the study of all methods, Table 6.1 and hard cases."""
 
 from statistics import mean
 
@@ -11,7 +11,7 @@ SCENES = tabled("docs/table_6_1.md", "scene | captured")
 BRICKS = tabled("docs/table_6_1.md", "wall | picture")
 SYSTEMS = tabled("docs/hard_cases.md", "error, % / amplification")
 CUTS = tabled("docs/hard_cases.md", "focus | allowed")
-CAPTURED = {  # a shipped scene, and where docs/table_6_1.md has its seconds
+CAPTURED = {  # shipped scene -> the sentence of docs/table_6_1.md with its seconds
     "skull": "it takes {} s for the skull",
     "statuette": "optimum; {} s and {_} dB for the statuette",
     "glass": "statuette; {} s and",
@@ -25,23 +25,23 @@ TRIANGLES, THESIS = "direct, triangulated", "T⁺ of the thesis, max-cluster 200
 
 
 def of_room(t: Table, room: str, method: str, picture: str = ".*") -> list[float]:
-    """Decibels below the best, of each picture."""
+    """Returns decibels below the best, per picture."""
     return t(rf"^{room} \| {picture} \| {method}$", "below_optimum_db")
 
 
 def nearer(t: Table) -> list[float]:
-    """Triangles beside direct mapping."""
+    """Returns the gain of triangles over direct mapping."""
     return [mean(of_room(t, room, "direct")) - mean(of_room(t, room, TRIANGLES)) for room in ("wall", "statuette")]
 
 
 def worse(t: Table, method: str, than: str) -> list[float]:
-    """In each room where both were tried, decibels."""
+    """Returns the loss in dB in each room where both methods were tried."""
     rooms = sorted({name.split(" | ")[0] for name in t.cells if f"| {method}, " in name})
     return [mean(of_room(t, room, method)) - mean(of_room(t, room, than)) for room in rooms]
 
 
 def left_out(t: Table) -> tuple[float, float]:
-    """Of a map by two code values instead of a half, per cent, in the rooms where that was tried."""
+    """Returns how much smaller, in per cent, a map at two code values is than at a half, in the rooms with both."""
     end = " | photograph | T⁺, max-error 2, map_mib"
     rooms = [name.removesuffix(end) for name in t.cells if name.endswith(end)]
     half, two = ([t.one(rf"^{r} .*photo.*max-error {codes}$", "map_mib") for r in rooms] for codes in ("0.5", "2"))
@@ -49,12 +49,12 @@ def left_out(t: Table) -> tuple[float, float]:
 
 
 def near(t: Table, *rows: str, column: str = BELOW) -> list[float]:
-    """Of methods, by the beginnings of their names, each one row."""
+    """Returns one cell per method, by the beginnings of their names."""
     return [t.one(rf": {row}$", column) for row in rows]
 
 
 def further(t: Table, method: str) -> float:
-    """From the truth than the box optimum, in systems that are within reach and not weighted: per cent."""
+    """Returns the largest excess error over the box optimum, in per cent, among unweighted systems within reach."""
     within = ": (wall|T|target|half|rank|two|as much|ten)"
     return max(error - best for error, best in zip(t(within, method), t(within, "`box`"), strict=True))
 

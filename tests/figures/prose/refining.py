@@ -1,4 +1,4 @@
-"""What refinement's studies say of steps and of estimates."""
+"""Sentences of refinement's studies on steps and on estimates."""
 
 import re
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ STUDIED = "wall", "corner", "two_planes", "out of focus"
 
 
 def denser(t: Table) -> tuple[float, float]:
-    """How many entries T⁺ has for each of T, out of focus."""
+    """Returns the entries of T⁺ per entry of T, out of focus."""
     return ends([t.one(room, "T⁺") / t.one(room, "T") for room in STUDIED[2:]])
 
 
 def held(text: str) -> Cells:
-    """What the study of refinement prints of entries, by room."""
+    """Read the numbers of entries that the study of refinement prints, by room."""
     found = re.findall(r"\*\*([\w ]+)\*\*, optimum .* entries: T⁺ (\d+), T (\d+)", text)
     return {
         f"{room}, {name}": count for room, *counts in found for name, count in zip(("T⁺", "T"), counts, strict=True)
@@ -25,13 +25,13 @@ def held(text: str) -> Cells:
 
 
 def estimated(t: Table) -> list[float]:
-    """Estimates beside the truth, where that is above a thousandth of a decibel."""
+    """Returns estimates relative to the truth, where the truth is above a thousandth of a decibel."""
     pairs = zip(t(".", "estimated"), t(".", "in truth"), strict=True)
     return [estimate / truth for estimate, truth in pairs if truth > 0.001]
 
 
 def entries() -> Iterator[tuple[str, str]]:
-    """What the study of refinement says of each room, before its tables."""
+    """Yield the sentence of each room before its tables, on the page and in the study's output."""
     page = "Optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
     names = {
         "### Wall": "wall",

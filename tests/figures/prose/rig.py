@@ -1,4 +1,4 @@
-"""What the rig says of rooms, and of drift."""
+"""Sentences of the rig on rooms, and on drift."""
 
 from itertools import combinations
 
@@ -16,22 +16,22 @@ def inside(t: Table, room: str, fault: str, column: str = INSIDE) -> float:
 
 
 def below_inside(t: Table) -> float:
-    """How far a home is below the optimum inside the border, where that is most; decibels, 0 if it is not."""
+    """Returns the largest distance in dB of `home` below the optimum inside the border; 0 if it is never below."""
     return max(0.0, *(best - found for found, best in zip(t("home", INSIDE), t("home", INSIDE, 1), strict=True)))
 
 
 def by_drift(t: Table) -> tuple[float, float]:
-    """What a pixel of drift costs, decibels, in the rooms that lose least and most."""
+    """Returns the cost in dB of a pixel of drift, in the rooms that lose least and most."""
     return ends([inside(t, room, "known") - inside(t, room, "drift") for room in ROOMS])
 
 
 def checked(t: Table, room: str) -> tuple[float, float]:
-    """Before a drift, and after it and one check."""
+    """Returns the quality before a drift, and after the drift and one check."""
     return inside(t, room, "known"), inside(t, room, "drift", CHECKED)
 
 
 def fallen(t: Table, rows: str, column: str) -> float:
-    """What steps take away from an earlier picture at most."""
+    """Returns the largest loss of a picture from fewer to more steps."""
     pairs = combinations([t(rows, column, step) for step in range(4)], 2)
     return max(before - after for earlier, later in pairs for before, after in zip(earlier, later, strict=True))
 

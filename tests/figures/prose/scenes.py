@@ -1,4 +1,4 @@
-"""What simulated rooms say of cutting, colour, adaptation, views, and of the simulator itself."""
+"""Sentences of simulated rooms on cutting, colour, adaptation, views, and the simulator itself."""
 
 from tests.figures.cells import Cells
 from tests.figures.claims import Table, counted, ends, said, tabled, told
@@ -25,33 +25,33 @@ GREY = "grey off: first camera's part, both's, second's"
 
 
 def cut(t: Table, rooms: str, allowed: int) -> list[float]:
-    """What clusters of so many pixels lose."""
+    """Returns the loss from clusters of at most `allowed` pixels."""
     pairs = (zip(t(f"({rooms}) .*any", p), t(rf"({rooms}) .*\| {allowed}$", p), strict=True) for p in PICTURES)
     return [before - after for pair in pairs for before, after in pair]
 
 
 def off(t: Table, adapt: str, column: str) -> list[float]:
-    """What adaptation adds to a picture, for each white."""
+    """Returns the gain of a picture by adaptation, per white."""
     return [
         t.one(rf": {white} \| ({adapt})$", column) - t.one(rf": {white} \| off", column) for white in (0.416, 0.624)
     ]
 
 
 def by_pixel(t: Table, room: str) -> float:
-    """What a mixing for each camera pixel is worth beside one for the room, under a colour wheel."""
+    """Returns the gain of a mixing per camera pixel over a mixing per room, under a colour wheel."""
     one, each = (t.one(rf"{room} \| wheel \| {tier}", "captured, dB") for tier in ("global", "pixel"))
     return each - one
 
 
 def judged_away(text: str) -> Cells:
-    """Windows of film, of the study's last table, which has no header."""
+    """Read windows of film from the study's last table, which has no header."""
     _, _, last = text.partition("judged by another T:")
     rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in last.splitlines() if line[:1] == "|"]
     return {f"{row[0]}: window {k}, film": cell for row in rows for k, cell in enumerate(row[-3:])}
 
 
 def more(t: Table) -> tuple[float, float]:
-    """What blocks cost windows of film beside T itself."""
+    """Returns the cost of blocks for windows of film, compared with T itself."""
     return ends([blocks - own for own, blocks in zip(t("^T:", "film"), t("^0.0014:", "film"), strict=True)])
 
 

@@ -1,1 +1,1 @@
-"""Optical effects, one module each, built (and imported) only when the scene calls for them; see needs.py."""
+"""Optical effects, one module per effect, imported only when the scene calls for them; see needs.py."""

@@ -1,4 +1,4 @@
-"""Ambient light that is the same from everywhere: radiance ρ E / π at every visible point, without inter-reflection."""
+"""Uniform ambient light from all directions: radiance ρ E / π at every visible point, without inter-reflection."""
 
 import numpy as np
 
@@ -7,5 +7,8 @@ from counterlight.tools.simulation.scene import Scene
 
 
 def radiance(scene: Scene, matt: FloatArray) -> FloatArray:
-    """matt : radiance in a pixel per irradiance at the samples, (n, 3). Returns what ambient light adds, (n, 3)."""
+    """Returns the radiance that ambient light adds, (n, 3).
+
+    matt : (n, 3). Radiance in a pixel per irradiance at the samples.
+    """
     return np.asarray(matt * scene.ambient_irradiance)

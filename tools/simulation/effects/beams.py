@@ -1,10 +1,10 @@
-"""Beams: the light between neighbouring rays of the projector, kept together while they pass the same faces.
+"""Beams: light between neighbouring projector rays, kept together while the rays pass the same faces.
 
-Rays leave the projector through a lattice of points in its picture, finer than its pixels, and are followed from face
-to face to where they land. Four neighbours that passed the same faces in the same way bound a beam: its flux is spread
-over the four-sided patch between their landing points, so that a beam that widens leaves no gaps and one that narrows
-grows bright. Where neighbours part (at the edge of a glass) each ray lays down its own quarter. Either way the flux is
-kept. The beams start at the centre of the projector's lens: they are sharp where straight light may be out of focus.
+Rays leave the projector through a lattice of points in its picture, finer than its pixels. Each ray is followed from
+face to face to where it lands. Four neighbours that passed the same faces in the same way bound a beam. The flux of a
+beam is spread over the four-sided patch between the landing points: a widening beam leaves no gaps, and a narrowing
+beam becomes bright. Where neighbours separate (at the edge of a glass), each ray deposits its own quarter. Both ways
+keep the flux. Beams start at the centre of the projector's lens, so they are sharp even where straight light is not.
 """
 
 from collections.abc import Iterator
@@ -25,23 +25,25 @@ from counterlight.tools.simulation.shapes.shape import Shape
 if TYPE_CHECKING:
     from counterlight.tools.simulation.effects_on import EffectsOn
 
-CELLS = 2  # of the lattice, an axis and projector pixel
+CELLS = 2  # lattice cells per axis and projector pixel
 MOST_FACES = 10
-FAINTEST = 4e-3  # share of a ray's light below which it is not followed
-LEVELS, COARSER = 3, 4  # of the map, and how much coarser each is than the one before
-WIDEST_FINE = 3  # pitches that a patch may be wide before it goes to a coarser level
+FAINTEST = 4e-3  # a ray with less than this share of its light is dropped
+LEVELS, COARSER = 3, 4  # levels of the map; each level is COARSER times as coarse as the level before
+WIDEST_FINE = 3  # patches wider than this many pitches use a coarser level
 POINTS_A_PITCH = 1.5
-MOST_STEPS = 24  # points along a patch at the coarsest level; those of a wider one lie further apart
-LONE = 1  # the level for rays that stand for themselves
-BAND_RAYS = 1 << 18  # traced at once
+MOST_STEPS = 24  # points along a patch at the coarsest level; a wider patch has points further apart
+LONE = 1  # level of rays outside any whole beam
+BAND_RAYS = 1 << 18  # rays traced at once
 Pitches = dict[int, tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class Landed(Batch):
-    """Rays that ended on a matt surface: tag in the lattice, history, share of their light (n, 3), and where.
+    """Rays that ended on a matt surface.
 
-    history : a number for the faces on the way and what happened there.
+    tag : of the ray in the lattice.
+    history : number that identifies the faces on the way and what happened at each.
+    share : (n, 3). Share of the ray's light that arrived.
     """
 
     tag: IntArray
@@ -58,9 +60,11 @@ class Landed(Batch):
 
 @dataclass(frozen=True)
 class Lattice:
-    """Corners of cells of some rows of the projector's picture; a ray's tag is row · columns + column.
+    """Corners of the lattice cells of some rows of the projector picture; a ray's tag is row · columns + column.
 
-    directions : (rows · columns, 3) unit.  flux : (cells,) of a cell, row by row.  pixel : (cells,) its pixel.
+    directions : (rows · columns, 3), unit vectors.
+    flux : (cells,), row by row.
+    pixel : (cells,). The projector pixel of each cell.
     """
 
     rows: int
@@ -71,14 +75,18 @@ class Lattice:
 
     @property
     def corners(self) -> IntArray:
-        """Tags of each cell's corners, (cells, 4), in order 00, 01, 10, 11."""
+        """Tags of the corners of each cell, (cells, 4), in order 00, 01, 10, 11."""
         first = (np.arange(self.rows - 1)[:, None] * self.columns + np.arange(self.columns - 1)).ravel()
         return np.stack([first, first + 1, first + self.columns, first + self.columns + 1], axis=1)
 
 
 @dataclass(frozen=True)
 class Beams(Batch):
-    """Four-sided beams that land whole on one surface: places of their corners (n, 4), pixel, flux (n, 3)."""
+    """Four-sided beams that land whole on one surface.
+
+    u, v : (n, 4). Places of the corners.
+    flux : (n, 3).
+    """
 
     u: FloatArray
     v: FloatArray
@@ -88,10 +96,10 @@ class Beams(Batch):
 
 
 def deposits(scene: Scene, effects: "EffectsOn", pitches: Pitches) -> Iterator[tuple[int, Deposits]]:
-    """Projector light that lands on matt surfaces by way of effects that send rays forward, with the level of each.
+    """Yield projector light that lands on matt surfaces through `forward` of effects, with the level of each batch.
 
-    pitches : for each surface with (u, v), how far apart in u and v points may lie at the finest level; on others every
-    ray stands for itself. Each level up is COARSER times as coarse.
+    pitches : for each surface with (u, v), the largest distance in u and in v between points at the finest level. On
+        other surfaces every ray is its own deposit. Each level up is COARSER times as coarse.
     """
     height = max(1, BAND_RAYS // (scene.projector.width * CELLS**2))
     for top in range(0, scene.projector.height, height):
@@ -102,7 +110,7 @@ def deposits(scene: Scene, effects: "EffectsOn", pitches: Pitches) -> Iterator[t
 
 
 def lattice_of(scene: Scene, rows: range, effects: "EffectsOn") -> Lattice:
-    """Rays through the corners of CELLS × CELLS cells of every pixel of some rows."""
+    """Returns rays through the corners of CELLS × CELLS cells per pixel of some rows."""
     projector = scene.projector
     y = np.linspace(rows.start, rows.stop, len(rows) * CELLS + 1)
     x = np.linspace(0, projector.width, projector.width * CELLS + 1)
@@ -118,7 +126,7 @@ def lattice_of(scene: Scene, rows: range, effects: "EffectsOn") -> Lattice:
 
 
 def follow(scene: Scene, lattice: Lattice, effects: "EffectsOn") -> list[Landed]:
-    """Rays of one history on one matt surface each, those left out that land there straight away."""
+    """Returns landed rays, grouped by history and matt surface, without the rays that land there directly."""
     count = len(lattice.directions)
     origins = np.broadcast_to(scene.projector.position, (count, 3))
     rays = Rays(np.arange(count), origins, lattice.directions, np.ones((count, 3)), np.full(count, -1), "direct")
@@ -153,7 +161,7 @@ def _landed(rays: Rays, hits: Hits, history: int) -> Landed:
 def _bundle(
     landed: Landed, lattice: Lattice, shape: Shape, pitch: tuple[float, float] | None
 ) -> Iterator[tuple[int, Deposits]]:
-    """Rays with one history on one surface: whole beams as patches, broken ones as points."""
+    """Yield deposits of rays with one history on one surface: whole beams as patches, broken beams as points."""
     place = np.full(lattice.rows * lattice.columns, -1)
     place[landed.tag] = np.arange(landed.tag.size)
     corner = place[lattice.corners]
@@ -164,7 +172,7 @@ def _bundle(
     whole = np.zeros(len(cells), bool)
     if pitch is not None:
         u, v, front = landed.u[corner], landed.v[corner], landed.front[corner]
-        whole = there.all(axis=1) & (front == front[:, :1]).all(axis=1) & (np.ptp(u, axis=1) < 0.5)  # else: at a seam
+        whole = there.all(axis=1) & (front == front[:, :1]).all(axis=1) & (np.ptp(u, axis=1) < 0.5)  # else: a seam
         beams = Beams(u[whole], v[whole], front[whole, 0], pixel[whole], flux[whole].sum(axis=1))
         yield from _patches(shape, int(landed.surface[0]), beams, pitch)
     alone, corners = np.nonzero(there & ~whole[:, None])
@@ -175,7 +183,7 @@ def _bundle(
 
 
 def _patches(shape: Shape, surface: int, beams: Beams, pitch: tuple[float, float]) -> Iterator[tuple[int, Deposits]]:
-    """Whole beams, each at the level where a few points fill its patch."""
+    """Yield whole beams, each at the level where a few points fill its patch."""
     extent = np.maximum(np.ptp(beams.u, axis=1) / pitch[0], np.ptp(beams.v, axis=1) / pitch[1])
     level = np.searchsorted(WIDEST_FINE * COARSER ** np.arange(LEVELS - 1), extent)
     steps = np.clip(np.ceil(POINTS_A_PITCH * extent / COARSER**level), 1, MOST_STEPS).astype(np.int64)
@@ -185,7 +193,7 @@ def _patches(shape: Shape, surface: int, beams: Beams, pitch: tuple[float, float
 
 
 def _patch(shape: Shape, surface: int, beams: Beams, steps: int) -> Deposits:
-    """steps × steps points on each beam's patch, and an even part of its flux on each."""
+    """Spread steps × steps points over each beam's patch; every point holds an equal part of its flux."""
     blend = _blend(steps)
     copies = len(blend)
     u, v, front = (blend @ beams.u.T).ravel(), (blend @ beams.v.T).ravel(), np.tile(beams.front, copies)
@@ -195,7 +203,7 @@ def _patch(shape: Shape, surface: int, beams: Beams, steps: int) -> Deposits:
 
 
 def _blend(count: int) -> FloatArray:
-    """Weights (count², 4) of a patch's corners at evenly spread points."""
+    """Returns the weights (count², 4) of a patch's corners at evenly spread points."""
     offset = (np.arange(count) + 0.5) / count
     s, t = (part.ravel() for part in np.meshgrid(offset, offset))
     return np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)

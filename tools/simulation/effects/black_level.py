@@ -1,4 +1,4 @@
-"""A black projector pixel still lets light through: a share of the floodlit room is added to e."""
+"""Black level: a black projector pixel still emits light, so a share of the floodlight is added to e."""
 
 import numpy as np
 
@@ -7,5 +7,5 @@ from counterlight.tools.simulation.scene import Scene
 
 
 def radiance(scene: Scene, composition: FloatArray) -> FloatArray:
-    """(camera pixels, 3): black_level · T·1."""
+    """Returns black_level · T·1, (camera pixels, 3)."""
     return np.asarray(scene.projector.black_level * composition)

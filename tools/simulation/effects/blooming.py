@@ -1,9 +1,9 @@
 """Blooming: lens and sensor scatter a share of each pixel's light into a halo around it (veiling glare, ISO 9358).
 
 The point spread is (1 − s) δ + s h with h = exp(−d / r) / (2π r²) at a distance of d pixels. A halo reaches hundreds of
-pixels and is smooth, so it is far light: T' = (1 − s) T + s V K A T, A averages the camera picture over cells, K is h
-between the cells' centres, V interpolates. A halo narrower than a cell becomes as wide as a cell. Light that is
-scattered beyond the picture is lost.
+pixels and is smooth, so it is far light: T' = (1 − s) T + s V K A T. A averages the camera picture over cells, K is h
+between the centres of the cells, and V interpolates. A halo narrower than a cell becomes as wide as a cell. Light that
+is scattered beyond the picture is lost.
 """
 
 from dataclasses import replace
@@ -17,11 +17,11 @@ from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 MAX_CELLS = 1600
-REACH = 8  # radii: 0.3 % of the halo lie further out
+REACH = 8  # halo radii; 0.3 % of the halo is further out
 
 
 def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Transport, FloatArray, float]:
-    """T and e (camera pixels, 3) with halos, and the share of the light that moved."""
+    """Returns T and e (camera pixels, 3) with halos, and the share of the light that moved."""
     share = scene.camera.bloom_share
     average, halo, interpolate = halo_factors(scene.camera)
     dimmed = replace(transport, far=None).by_rows(
@@ -42,7 +42,7 @@ def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Tran
 
 
 def _collected(average: Csr, transport: Transport) -> list[Csr]:
-    """A (S + B P) of each channel."""
+    """Returns A (S + B P) per channel."""
     found = [Csr(average @ S) for S in channels(transport.near)]
     if transport.blurred is not None:
         factors = zip(channels(transport.blurred.scatter), channels(transport.blurred.gather), strict=True)
@@ -51,7 +51,7 @@ def _collected(average: Csr, transport: Transport) -> list[Csr]:
 
 
 def halo_factors(camera: Camera) -> tuple[Csr, FloatArray, Csr]:
-    """A (cells, pixels), K (cells, cells) and V (pixels, cells)."""
+    """Returns A (cells, pixels), K (cells, cells) and V (pixels, cells)."""
     step = max(1.0, np.sqrt(camera.pixels / MAX_CELLS))
     across, along = (max(1, int(size / step)) for size in (camera.width, camera.height))
     average = sparse.kron(_average(along, camera.height), _average(across, camera.width))
@@ -64,20 +64,20 @@ def halo_factors(camera: Camera) -> tuple[Csr, FloatArray, Csr]:
 
 
 def _whole_halo(radius: float, steps: tuple[float, float]) -> float:
-    """The sum of exp(−d / r) over all cells of an endless picture."""
+    """Returns the sum of exp(−d / r) over all cells of an infinite picture."""
     x, y = (np.arange(-n, n + 1) * step for step in steps for n in [int(np.ceil(REACH * radius / step))])
     return float(np.exp(-np.hypot(x[:, None], y) / radius).sum())
 
 
 def _average(cells: int, pixels: int) -> Csr:
-    """Means over cells of equal length, (cells, pixels); a pixel on a border counts in part."""
+    """Returns the means over cells of equal length, (cells, pixels); a pixel on a cell border counts in part."""
     edges = np.linspace(0, pixels, cells + 1)
     inside = np.minimum(edges[1:, None], np.arange(1, pixels + 1)) - np.maximum(edges[:-1, None], np.arange(pixels))
     return Csr(np.maximum(inside, 0) * cells / pixels)
 
 
 def _interpolate(pixels: int, cells: int) -> Csr:
-    """Linear between the cells' centres, (pixels, cells)."""
+    """Returns linear interpolation between the centres of the cells, (pixels, cells)."""
     place = np.clip((np.arange(pixels) + 0.5) * cells / pixels - 0.5, 0, cells - 1)
     return Csr(np.maximum(0, 1 - np.abs(place[:, None] - np.arange(cells))))
 

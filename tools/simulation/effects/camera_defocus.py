@@ -1,4 +1,4 @@
-"""Camera defocus: each ray of a pixel passes another point of the lens and meets the others in the plane of focus."""
+"""Camera defocus: each ray of a pixel passes another point of the lens, and all its rays meet in the plane of focus."""
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.simulation.lens import LensPoints
@@ -6,9 +6,11 @@ from counterlight.tools.simulation.scene import Scene
 
 
 def through_the_lens(scene: Scene, directions: FloatArray, pixel: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Origins and directions (rays, 3) of rays whose directions through the lens' centre have depth 1 along the axis.
+    """Returns origins and directions (rays, 3) of rays through points of the lens.
 
-    From the lens' point a towards d f − a: at depth f all rays of one d meet.
+    A ray from the lens' point a has the direction d f − a, so that all rays of one d meet at depth f.
+
+    directions : (rays, 3). Directions d through the lens' centre, with depth 1 along the axis.
     """
     camera = scene.camera
     a, b = LensPoints(camera.aperture).of(pixel, 1)

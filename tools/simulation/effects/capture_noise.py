@@ -1,10 +1,10 @@
-"""What a sensor makes of radiance: shot noise, read noise, saturation and code values (EMVA Standard 1288, release 4).
+"""Sensor noise: shot noise, read noise, saturation and code values (EMVA Standard 1288, release 4).
 
-Electrons are Poisson distributed about light · full well, the amplifier adds Gaussian noise, and the converter rounds
-to whole codes after the camera's response. T itself is free of noise; this is for pictures of it.
+Electrons are Poisson distributed about light · full well. The amplifier adds Gaussian noise. The converter rounds to
+whole codes after the camera's response. T itself has no noise; this module serves simulated captures.
 
-Poisson numbers of a mean μ that is not small are made of normal ones z, three times as fast as by rejection: whole
-numbers nearest to their quantiles by cumulants (Cornish and Fisher 1938),
+Poisson numbers of a mean μ ≥ FEW are made from normal numbers z, three times as fast as by rejection. They are the
+integers nearest to the quantiles from cumulants (Cornish and Fisher 1938),
 
     μ + √(μ − 1/12) z + (z² − 1) / 6 + (z − z³) / (72 √μ).
 """
@@ -24,10 +24,10 @@ from counterlight.response import Response
 from counterlight.tools.simulation.devices import Camera, Sensor
 
 SATURATING = 99.9  # percentile of the floodlit room that fills the wells
-OVERFLOW = 2.0  # light above that is as bright as that
+OVERFLOW = 2.0  # brighter light is clipped to this level
 ENCODING_STEPS = 1 << 16
-FEW = 16.0  # electrons; from there on no number's probability is off by more than 5e-4 of the likeliest one's
-MANY = 1 << 16  # values that are worth all cores
+FEW = 16.0  # electrons; above this mean, no probability is wrong by more than 5e-4 of the largest
+MANY = 1 << 16  # number of values from which all cores are used
 
 
 def capture(
@@ -37,10 +37,10 @@ def capture(
     random: np.random.Generator,
     developed: Callable[[FloatArray], FloatArray] | None = None,
 ) -> NDArray[np.uint16]:
-    """Code values of a picture, 0 to 2^bits − 1.
+    """Returns the code values of a picture, 0 to 2^bits − 1.
 
-    light : (rows, columns, 3), radiance times exposure; 1 fills the wells.
-    developed : what the camera makes of the sensor's picture before its response; None: nothing.
+    light : (rows, columns, 3). Radiance times exposure; 1 fills the wells.
+    developed : conversion of the sensor's picture before the response; None for no conversion.
     """
     if sensor.full_well:
         light = _noisy(light, sensor, random)
@@ -51,7 +51,7 @@ def capture(
 
 
 def _noisy(light: FloatArray, sensor: Sensor, random: np.random.Generator) -> FloatArray:
-    """Electrons over the full well, with what the amplifier adds."""
+    """Returns noisy electrons, read noise included, as a share of the full well."""
     electrons = np.ascontiguousarray(np.clip(light, 0, OVERFLOW) * sensor.full_well)
     few = electrons < FEW
     counted = random.poisson(electrons[few])
@@ -63,7 +63,7 @@ def _noisy(light: FloatArray, sensor: Sensor, random: np.random.Generator) -> Fl
 
 
 def _many_electrons(electrons: FloatArray, normal: NDArray[np.float32]) -> None:
-    """Poisson numbers in the place of their means, of normal ones."""
+    """Replace means by Poisson numbers, in place, made from normal numbers."""
     for i in numba.prange(electrons.size):
         mean, z = electrons[i], np.float64(normal[i])
         if mean >= FEW:
@@ -75,7 +75,7 @@ _MANY_ELECTRONS = compiled(_many_electrons)
 
 
 def deviation(camera: Camera, radiance: FloatArray) -> FloatArray:
-    """Standard deviation of captured radiance, rounding included, when the brightest pixels just saturate."""
+    """Returns the standard deviation of captured radiance, with rounding, when the brightest pixels just saturate."""
     sensor = camera.sensor
     if sensor is None:
         raise InputError("the scene's camera has no sensor; add sensor = { bits = 12 } to its [camera]")
@@ -86,7 +86,7 @@ def deviation(camera: Camera, radiance: FloatArray) -> FloatArray:
 
 
 def _codes(light: FloatArray, response: Response) -> FloatArray:
-    """The response's inverse, light 0..1 to codes 0..1 (rows, columns, 3)."""
+    """Apply the inverse of the response: light 0..1 to codes 0..1, (rows, columns, 3)."""
     if response.kind == "linear":
         return light
     codes, curve = _curve(response)
@@ -95,6 +95,6 @@ def _codes(light: FloatArray, response: Response) -> FloatArray:
 
 @lru_cache(maxsize=2)
 def _curve(response: Response) -> tuple[FloatArray, FloatArray]:
-    """Equally spaced code values, (steps,), and their light, (steps, 3)."""
+    """Returns equally spaced code values, (steps,), and their light, (steps, 3)."""
     codes = np.linspace(0, 1, ENCODING_STEPS)
     return codes, response.to_linear(np.repeat(codes[:, None], 3, axis=1))

@@ -1,9 +1,9 @@
-"""Caustics: projector light that reaches a surface by way of glass or coats, laid down on a light map (beams.py).
+"""Caustics: projector light that reaches a surface through glass or coats, deposited on a light map (beams.py).
 
-The map's texels lie over each surface's (u, v), a front and a back layer; on meshes without (u, v) the facets are the
-texels. A deposit of flux goes to the four texels around it with bilinear weights, and the map is read with the same:
-between lies irradiance per unit drive, texels × projector pixels. The finest texels are about half as wide as the
-projector's pixels on the surface; beams that spread wide go to coarser ones, and the levels add up.
+The map's texels cover the (u, v) of each surface, in a front and a back layer. On meshes without (u, v) the facets are
+the texels. A deposit of flux is split over the four texels around it with bilinear weights, and reading uses the same
+weights. The map holds irradiance per unit drive, texels × projector pixels. The finest texels are about half as wide as
+the projector's pixels on the surface. Wide beams use coarser levels, and the levels are summed.
 """
 
 from collections.abc import Iterable
@@ -26,19 +26,21 @@ from counterlight.tools.transport.transport import Csr
 if TYPE_CHECKING:
     from counterlight.tools.simulation.effects_on import EffectsOn
 
-FINENESS = 2.0  # texels for a projector pixel's width
-MOST_TEXELS = 2048  # an axis
+FINENESS = 2.0  # texels per width of a projector pixel
+MOST_TEXELS = 2048  # texels per axis
 SUMMED_AT_ONCE = 1 << 22
-FAINT = 0.02  # of a texel's largest entry; smaller ones go, and the rest is scaled to keep the texel's light
-NOTHING = 1e-30  # stands for 0, which scipy's products would leave out of one channel's pattern
+FAINT = 0.02  # fraction of a texel's largest entry; smaller ones are dropped, the rest keeps the texel's light
+NOTHING = 1e-30  # replaces 0, which scipy's products would drop from the pattern of one channel
 Places = Samples | Deposits
 
 
 @dataclass(frozen=True)
 class Texels:
-    """One level of a surface's share of the map: across along u, along v, from texel `first`; the back layer follows.
+    """One level of the map on one surface: across along u, along v; the back layer follows the front layer.
 
-    areas : (across · along,) square metres.  by_facet : the texels are facets, across is their number.
+    first : number of the first texel.
+    areas : (across · along,), square metres.
+    by_facet : whether the texels are facets; `across` is then their number.
     """
 
     shape: Shape
@@ -59,7 +61,7 @@ class Texels:
         return 1 / self.across, (high - low) / self.along
 
     def around(self, places: Places) -> tuple[IntArray, FloatArray]:
-        """Texels whose centres surround each place, and their bilinear weights, (4, n) each; (1, n) for facets."""
+        """Returns the texels around each place and their bilinear weights, (4, n) each; (1, n) for facets."""
         layer = self.first + ~places.front * (self.across * self.along)
         if self.by_facet:
             return (layer + places.facet)[None], np.ones((1, places.facet.size))
@@ -74,13 +76,16 @@ class Texels:
         return layer + rows * self.across + columns, weights
 
     def near(self, places: Places) -> tuple[IntArray, FloatArray]:
-        """One of those texels for each place, drawn by its weight: on average over a pixel's samples the same light."""
+        """Returns one of those texels per place, drawn by weight: the mean over a pixel's samples is the same light."""
         texel, weight = self.around(places)
         drawn = np.sum(np.cumsum(weight, axis=0)[:-1] < even_pairs(places.u.size)[:, 0], axis=0)
         return texel[drawn, np.arange(drawn.size)][None], np.ones((1, drawn.size))
 
     def deposits(self, surface: int, texel: IntArray, pixel: IntArray, irradiance: FloatArray) -> Deposits:
-        """The flux that texels (n,), counted from 0, hold from projector pixels (n,)."""
+        """Returns the flux that texels hold from projector pixels.
+
+        texel, pixel : (n,). Texels count from 0 within this level.
+        """
         place, back = texel % self.areas.size, texel >= self.areas.size
         u, v = np.zeros(place.size), np.zeros(place.size)
         if isinstance(self.shape, Triangles) and self.by_facet:
@@ -96,9 +101,9 @@ class Texels:
 
 
 class LightMap:
-    """Irradiance per unit drive, (texels, projector pixels) per channel, all of one pattern.
+    """Irradiance per unit drive, (texels, projector pixels) per channel; the channels share one pattern.
 
-    texels : the levels of each matt surface, the finest first, by its index.
+    texels : the levels of each matt surface by its index, the finest first.
     """
 
     def __init__(self, scene: Scene, effects: "EffectsOn") -> None:
@@ -107,7 +112,7 @@ class LightMap:
         self.light = _laid_down(deposits(scene, effects, pitches), self.texels, scene.projector.pixels)
 
     def deposits(self) -> list[Deposits]:
-        """The light that the map holds, for the far light's cells: each texel's at its centre."""
+        """Returns the light of the map for the far light's cells; the light of each texel is at its centre."""
         held = np.repeat(np.arange(self.light[0].shape[0]), np.diff(self.light[0].indptr))
         pixel = self.light[0].indices.astype(np.int64)
         irradiance = np.stack([light.data for light in self.light], axis=1)
@@ -119,7 +124,7 @@ class LightMap:
         return result
 
     def arrivals(self, samples: Samples) -> list[Arrivals]:
-        """What the map holds at samples, with no origin: it comes from more than one direction."""
+        """Returns the light of the map at samples; its origin is NaN, because it comes from several directions."""
         result = []
         for index, levels in self.texels.items():
             on = np.flatnonzero(samples.surface == index)
@@ -137,7 +142,8 @@ class LightMap:
         rows = np.broadcast_to(np.arange(index.size), texel.shape)
         shape = index.size, self.light[0].shape[0]
         reading = sparse.csr_array((weight.ravel(), (rows.ravel(), texel.ravel())), shape=shape)
-        channels = [reading @ light for light in self.light]  # one pattern, so one order of entries
+        # The channels share one pattern, so their entries have one order.
+        channels = [reading @ light for light in self.light]
         sample = np.repeat(index, np.diff(channels[0].indptr))
         irradiance = np.stack([channel.data for channel in channels], axis=1)
         nowhere = np.broadcast_to(np.nan, (sample.size, 3))
@@ -145,12 +151,12 @@ class LightMap:
 
 
 def light_map(scene: Scene, effects: "EffectsOn") -> LightMap:
-    """The map of what the effects that are on send forward."""
+    """Returns the map of the light that the active effects send forward."""
     return LightMap(scene, effects)
 
 
 def cut_into_texels(scene: Scene) -> dict[int, list[Texels]]:
-    """The levels of every matt surface, by its index."""
+    """Returns the levels of every matt surface, by its index."""
     result: dict[int, list[Texels]] = {}
     first = 0
     projector = scene.projector
@@ -175,7 +181,7 @@ def cut_into_texels(scene: Scene) -> dict[int, list[Texels]]:
 
 
 def _extent(shape: Shape, eye: FloatArray) -> tuple[tuple[float, float], float]:
-    """Lengths of the middle lines along u and v, and the distance of their nearest point."""
+    """Returns the lengths of the middle lines along u and v, and the distance from `eye` to their nearest point."""
     low, high = shape.v_range
     steps = np.linspace(0, 1, 65)
     lines = shape.at(steps, np.full(65, (low + high) / 2)), shape.at(np.full(65, 0.5), low + (high - low) * steps)
@@ -184,7 +190,7 @@ def _extent(shape: Shape, eye: FloatArray) -> tuple[tuple[float, float], float]:
 
 
 def _areas(shape: Shape, across: int, along: int) -> FloatArray:
-    """Of one layer's texels, from the area per du dv at their centres."""
+    """Returns the texel areas of one layer, from the area per du dv at the texel centres."""
     low, high = shape.v_range
     v, u = np.meshgrid(
         low + (high - low) * (np.arange(along) + 0.5) / along, (np.arange(across) + 0.5) / across, indexing="ij"
@@ -193,7 +199,7 @@ def _areas(shape: Shape, across: int, along: int) -> FloatArray:
 
 
 def _laid_down(found: Iterable[tuple[int, Deposits]], texels: dict[int, list[Texels]], pixels: int) -> tuple[Csr, ...]:
-    """Irradiance per unit drive, (texels, pixels) per channel, all of one pattern."""
+    """Returns irradiance per unit drive, (texels, pixels) per channel; the channels share one pattern."""
     count = sum(grid.count for levels in texels.values() for grid in levels)
     places, powers, waiting = [np.zeros(0, np.int64)], [np.zeros((0, 3))], 0
     for level, batch in found:

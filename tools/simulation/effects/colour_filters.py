@@ -1,8 +1,8 @@
-"""Colour filters: each pixel of the sensor sees one colour, the other two come from its neighbours (thesis 3.2).
+"""Colour filters: each sensor pixel sees one colour, and its neighbours provide the other two (thesis 3.2).
 
-Bilinear, the interpolation that is linear: a missing value is the mean of the two or four nearest pixels that have it,
-fewer at the picture's border. What cameras do beyond that follows edges, and is no part of a T. A channel of the
-picture is then A_k c_k, A_k sparse with rows that sum to 1; A A = A: a picture that was interpolated stays as it is.
+The interpolation is bilinear, so that it is linear. A missing value is the mean of the two or four nearest pixels that
+have it; fewer at the picture's border. Cameras may also follow edges, which T cannot express. A channel of the picture
+is A_k c_k, with a sparse A_k whose rows sum to 1. A A = A: interpolation leaves an interpolated picture unchanged.
 """
 
 from dataclasses import replace
@@ -18,16 +18,16 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Csr, Transport, channels, stacked
 
 Kernel: TypeAlias = tuple[tuple[float, ...], ...]
-CROSS: Kernel = ((0.0, 0.25, 0.0), (0.25, 1.0, 0.25), (0.0, 0.25, 0.0))  # green, every second pixel
+CROSS: Kernel = ((0.0, 0.25, 0.0), (0.25, 1.0, 0.25), (0.0, 0.25, 0.0))  # green: every second pixel
 SQUARE: Kernel = (
     (0.25, 0.5, 0.25),
     (0.5, 1.0, 0.5),
     (0.25, 0.5, 0.25),
-)  # red and blue, every second one of every second row
+)  # red and blue: every second pixel of every second row
 
 
 def filtered(mosaic: str, transport: Transport, ambient: FloatArray) -> tuple[Transport, FloatArray, float]:
-    """A T and A e (camera pixels, 3), and the light that moved."""
+    """Returns A T and A e (camera pixels, 3), and the light that moved."""
     assert transport.camera is not None
     A = interpolation(mosaic, *transport.camera)
     far, blurred = transport.far, transport.blurred
@@ -42,7 +42,7 @@ def filtered(mosaic: str, transport: Transport, ambient: FloatArray) -> tuple[Tr
 
 
 def interpolated(mosaic: str, picture: FloatArray) -> FloatArray:
-    """A c of a picture (height, width, 3), as the filters leave it and its neighbours fill it in."""
+    """Returns A c of a picture (height, width, 3)."""
     height, width = picture.shape[:2]
     A = interpolation(mosaic, height, width)
     seen = [(A[k] @ picture[..., k].ravel()).reshape(height, width) for k in range(3)]
@@ -51,14 +51,17 @@ def interpolated(mosaic: str, picture: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=2)
 def interpolation(mosaic: str, height: int, width: int) -> tuple[Csr, Csr, Csr]:
-    """A of red, green and blue, (pixels, pixels) each.  mosaic : as MOSAICS of devices.py."""
+    """Returns A of red, green and blue, (pixels, pixels) each.
+
+    mosaic : one of MOSAICS of devices.py.
+    """
     y, x = np.indices((height, width))
     own = np.array(list(mosaic))[(2 * (y % 2) + x % 2).ravel()]
     return tuple(_means(own == colour, CROSS if colour == "G" else SQUARE, height, width) for colour in "RGB")  # type: ignore[return-value]
 
 
 def _means(has: BoolArray, kernel: Kernel, height: int, width: int) -> Csr:
-    """Means by a kernel of the pixels around that have a value."""
+    """Returns the kernel-weighted means of the surrounding pixels that have a value."""
     shifts = [
         kernel[1 + down][1 + right] * sparse.kron(sparse.eye_array(height, k=down), sparse.eye_array(width, k=right))
         for down in (-1, 0, 1)

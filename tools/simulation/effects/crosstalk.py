@@ -1,9 +1,9 @@
-"""Crosstalk: a camera's channels see neighbouring primaries, too (thesis 4.1.1).
+"""Crosstalk: the channels of a camera also see neighbouring primaries (thesis 4.1.1).
 
-Light is followed primary by primary. What channel k of a camera pixel sees of it is Σ_l X_kl T_l p_l: X is the camera's
-mixing of the primaries on neutral paint, times how the paint that the pixel sees reflects that overlap of spectra, as a
-share of what it reflects of the primary's peak. On the way light stays in its primary: of paint that it met before,
-only the albedo counts.
+Light is followed per primary. Channel k of a camera pixel sees Σ_l X_kl T_l p_l. X is the camera's mixing of the
+primaries on neutral paint, times the reflectance of the visible paint in that overlap of spectra. That reflectance is a
+share of the reflectance at the primary's peak. On the way light stays in its primary: paint that the light met before
+contributes only its albedo.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from counterlight.tools.transport.transport import Transport
 
 
 def of_samples(scene: Scene, samples: Samples) -> FloatArray:
-    """X of what samples see, (n, 3, 3)."""
+    """Returns X at samples, (n, 3, 3)."""
     ones = np.ones((3, 3))
     bands = [ones if surface.material.overlap is None else surface.material.overlap for surface in scene.surfaces]
     assert scene.camera.mixing is not None
@@ -25,9 +25,10 @@ def of_samples(scene: Scene, samples: Samples) -> FloatArray:
 
 
 def of_pixels(scene: Scene, total: FloatArray, weight: FloatArray) -> FloatArray:
-    """X of every camera pixel, the mean of what it sees; where that is nothing, that of neutral paint.
+    """Returns X of every camera pixel, the weighted mean over its samples; neutral paint where there are none.
 
-    total : Σ weight X of the samples, (camera pixels, 3, 3).  weight : (camera pixels,).
+    total : (camera pixels, 3, 3). Σ weight X of the samples.
+    weight : (camera pixels,).
     """
     seen = weight > 0
     assert scene.camera.mixing is not None
@@ -37,9 +38,10 @@ def of_pixels(scene: Scene, total: FloatArray, weight: FloatArray) -> FloatArray
 def photographed(
     X: FloatArray, transport: Transport, ambient: FloatArray
 ) -> tuple[Transport, FloatArray, FloatArray, float]:
-    """What patterns of white light find, T_k = Σ_l X_kl T_l; ambient light; floodlights F_kl = X_kl (T_l·1).
+    """Returns what patterns of white light measure.
 
-    Returns T, e (camera pixels, 3), F (primary, camera pixels, camera channel), and the light that other channels see.
+    The results are T_k = Σ_l X_kl T_l, e (camera pixels, 3), the floodlights F_kl = X_kl (T_l·1) as (primary, camera
+    pixels, camera channel), and the light that channels see of other primaries.
     """
     composition = transport.composition()
     F = X * composition[:, None, :]

@@ -1,4 +1,4 @@
-"""Direct light: the projector as a pinhole, each point lit by the one pixel that it projects to (thesis eq. 3.2)."""
+"""Direct light: the projector is a pinhole, and one pixel lights each point (thesis eq. 3.2)."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from counterlight.tools.simulation.scene import Scene
 
 
 def arrivals(scene: Scene, samples: Samples) -> Arrivals:
-    """One arrival for each sample inside the projector's picture that faces it."""
+    """Returns one arrival per sample that lies in the projector picture and faces the projector."""
     x, y, _ = scene.projector.project(samples.point)
     pixel = scene.projector.pixel_at(x, y)
     light = irradiance(scene, samples.point, samples.normal)

@@ -1,13 +1,13 @@
-"""Lens distortion: straight lines of the room are bent in the picture (Brown 1966; OpenCV's five coefficients).
+"""Lens distortion: the lens bends straight lines of the room (Brown 1966; OpenCV's five coefficients).
 
 The lens shows the direction (x, y) at depth 1, y down, r² = x² + y², where a lens without distortion would show
 
     x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
     y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
-Beyond some r the polynomial turns back; nothing there is shown. A projector's panel is lit evenly, so that each pixel
-carries the same flux and a place gets the light of as many pixels as crowd on it: the Jacobian's determinant. Circles
-of confusion keep their size in pixels, and halos their shape.
+Beyond some r the polynomial turns back, and the lens shows nothing there. A projector's panel is lit evenly, so each
+pixel carries the same flux. The light at a place is proportional to the pixel density there: the Jacobian's
+determinant. Circles of confusion keep their size in pixels, and halos keep their shape.
 """
 
 from dataclasses import fields, replace
@@ -20,10 +20,10 @@ from counterlight.errors import InputError
 from counterlight.tools.simulation.devices import Camera, Device, Projector
 from counterlight.tools.simulation.scene import Scene
 
-RADII = 2048  # of a table of the radial polynomial, where Newton's method begins
-STEPS = 20  # of it, at most
-EXACT = 1e-9  # of a direction, at depth 1
-FARTHEST = 100.0  # that a direction may be from the axis, at depth 1
+RADII = 2048  # entries in the table of the radial polynomial, where Newton's method starts
+STEPS = 20  # largest number of steps of Newton's method
+EXACT = 1e-9  # tolerance of a direction, at depth 1
+FARTHEST = 100.0  # largest distance of a direction from the axis, at depth 1
 
 
 class _Distorted(Device):
@@ -52,7 +52,7 @@ class _DistortedProjector(_Distorted, Projector):
 
 
 def distorted(scene: Scene) -> Scene:
-    """The scene with lenses that bend; InputError for one that does not fill its own picture."""
+    """Returns the scene with lenses that bend. Raises InputError for a lens that does not fill its own picture."""
     camera, projector = scene.camera, scene.projector
     if any(camera.distortion):
         camera = _DistortedCamera(**_described(camera))
@@ -68,7 +68,7 @@ def _described(device: Device) -> dict[str, Any]:
 
 
 def _check(device: Device, where: str) -> None:
-    """The picture's border is shown, and so is what lies within."""
+    """Raises InputError unless the lens shows the whole picture up to its border."""
     x, y = (part.ravel() for part in np.meshgrid(np.linspace(0, device.width, 33), np.linspace(0, device.height, 33)))
     back = np.stack(device.picture_of(*device.direction_of(x, y)))
     if not np.allclose(back, (x, y), rtol=0, atol=1e-3):  # False for NaN
@@ -79,16 +79,16 @@ def _check(device: Device, where: str) -> None:
 
 
 def turning(coefficients: tuple[float, ...]) -> float:
-    """The r at which the radial polynomial turns back, infinite if it never does."""
+    """Returns the r at which the radial polynomial turns back; infinite if it never does."""
     k1, k2, _, _, k3 = coefficients
     roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
     squares = roots.real[(np.abs(roots.imag) < EXACT) & (roots.real > 0)]
     return float(np.sqrt(squares.min())) if squares.size else np.inf
 
 
-@np.errstate(all="ignore")  # where it leads nowhere, _check says so
+@np.errstate(all="ignore")  # _check reports directions without a solution
 def _straightened(coefficients: tuple[float, ...], x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """x, y of x', y': the radial polynomial read backwards, then Newton's method."""
+    """Returns x, y of x', y': the radial polynomial read backwards, then Newton's method."""
     k1, k2, _, _, k3 = coefficients
     bent_radius, farthest = np.hypot(x, y), min(turning(coefficients), FARTHEST)
     radius = np.tan(np.linspace(0, np.arctan(farthest), RADII))
@@ -104,11 +104,11 @@ def _straightened(coefficients: tuple[float, ...], x: FloatArray, y: FloatArray)
     return straight_x, straight_y
 
 
-@np.errstate(all="ignore")  # far beside the picture
+@np.errstate(all="ignore")  # overflows far outside the picture
 def _bent(
     coefficients: tuple[float, ...], x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[FloatArray, ...]]:
-    """x', y', the Jacobian's determinant, and its parts dx'/dx, dx'/dy = dy'/dx, dy'/dy."""
+    """Returns x', y', the Jacobian's determinant, and its parts dx'/dx, dx'/dy = dy'/dx, dy'/dy."""
     k1, k2, p1, p2, k3 = coefficients
     square = x**2 + y**2
     radial = 1 + square * (k1 + square * (k2 + square * k3))

@@ -1,14 +1,14 @@
 """Gloss: a clear coat over the paint that reflects like a rough mirror, and reflects other surfaces as well.
 
-The lobe is that of microfacets with the GGX distribution (Walter et al. 2007):
+The lobe is the microfacet lobe with the GGX distribution (Walter et al. 2007):
 
     f = F(i·h) D(h) G(i, o) / (4 cos i cos o),      h the half vector,
     D = α² / (π ((α² − 1) cos² h + 1)²),            G = 1 / (1 + Λ(i) + Λ(o)),   Λ(v) = (√(1 + α² tan² v) − 1) / 2,
     F(c) = F₀ + (1 − F₀) (1 − c)⁵                   (Schlick 1994).
 
-The paint gets and gives what the coat lets through: f = (1 − F(cos i)) (1 − F(cos o)) ρ / π. Both are reciprocal, and
-together they return no more than they get; a facet's light that hits another facet is lost. Below MIRROR a coat is a
-plain mirror, in which the projector's own lens is not seen.
+The coat transmits light to the paint and back: f = (1 − F(cos i)) (1 − F(cos o)) ρ / π. Both terms are reciprocal, and
+together they return at most the light that arrives. Light from one facet that hits another facet is lost. A coat with
+roughness below MIRROR is a plain mirror, in which the projector's own lens is not visible.
 """
 
 from dataclasses import replace
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from counterlight.tools.simulation.effects_on import EffectsOn
 
 MIRROR = 0.01  # roughness
-FACETS = 16  # directions for each ray of the projector's that a rough coat reflects
-EVEN = 1 / 21  # mean of (1 − c)⁵ over evenly arriving light
+FACETS = 16  # directions per projector ray that a rough coat reflects
+EVEN = 1 / 21  # mean of (1 − c)⁵ over uniform light from all sides
 
 
 def scatter(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:
-    """What coats reflect towards the camera: one ray for each that meets one, drawn from the lobe."""
+    """Returns one ray per ray that meets a coat, drawn from the lobe; camera side."""
     result = []
     for surface, met in _coated(scene, hits.surface):
         there, place = rays.at(met), hits.at(met)
@@ -42,7 +42,7 @@ def scatter(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[
 
 
 def forward(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:
-    """What coats reflect of the projector's light: FACETS batches, each with the same draw for all rays."""
+    """Returns what coats reflect of the projector's light: FACETS batches, each with the same draw for all rays."""
     result = []
     for surface, met in _coated(scene, hits.surface):
         there, place = rays.at(met), hits.at(met)
@@ -55,7 +55,10 @@ def forward(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[
 
 
 def reflectance(scene: Scene, samples: Samples, to_light: FloatArray, paint: FloatArray) -> FloatArray:
-    """f (n, 3), 1/sr, of coated samples for light from unit directions; NaN: from everywhere, paint only."""
+    """Returns f (n, 3), 1/sr, of coated samples for light from unit directions.
+
+    A NaN direction means light from all sides; f is then the paint's f alone.
+    """
     result = paint.copy()
     for surface, on in _coated(scene, samples.surface):
         coat = surface.material.gloss
@@ -72,7 +75,7 @@ def reflectance(scene: Scene, samples: Samples, to_light: FloatArray, paint: Flo
 
 
 def albedo(scene: Scene, samples: Samples, paint: FloatArray) -> FloatArray:
-    """Share (n, 3) of evenly arriving light that the paint gives back through the coat towards the viewer."""
+    """Returns the share (n, 3) of uniform light that leaves the paint through the coat towards the viewer."""
     result = paint.copy()
     for surface, on in _coated(scene, samples.surface):
         coat = surface.material.gloss
@@ -84,19 +87,22 @@ def albedo(scene: Scene, samples: Samples, paint: FloatArray) -> FloatArray:
 
 
 def fresnel(cosine: FloatArray, head_on: float) -> FloatArray:
-    """Share that a facet reflects (Schlick), from F₀."""
+    """Returns the share that a facet reflects (Schlick), from F₀."""
     return np.asarray(head_on + (1 - head_on) * (1 - np.clip(cosine, 0, 1)) ** 5)
 
 
 def mean_fresnel(head_on: float) -> float:
-    """The same for evenly arriving light: ∫ F cos dω / π."""
+    """Returns the share that a facet reflects of uniform light: ∫ F cos dω / π."""
     return head_on + (1 - head_on) * EVEN
 
 
 def lobe_between(
     towards: FloatArray, leaving: FloatArray, normals: FloatArray, roughness: float, head_on: float
 ) -> FloatArray:
-    """f (n,), 1/sr, for unit vectors (n, 3) to where light comes from and to where it goes; 0 below the surface."""
+    """Returns f (n,), 1/sr; 0 below the surface.
+
+    towards, leaving : (n, 3), unit vectors to the source of the light and to its destination.
+    """
     half = towards + leaving
     half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-30)
     cos_in, cos_out, cos_half = (np.sum(vectors * normals, axis=1) for vectors in (towards, leaving, half))
@@ -109,10 +115,12 @@ def lobe_between(
 def sampled(
     leaving: FloatArray, normals: FloatArray, roughness: float, head_on: float, random: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Directions (n, 3) that light comes from, drawn for one that it leaves in, and their weights (n,) f cos i / p.
+    """Draw directions (n, 3) of incoming light for light that leaves towards `leaving`, with weights (n,) f cos i / p.
 
-    Facets are drawn as they are seen from `leaving` (Heitz 2018), so that the weight F G / G₁ is at most 1.
-    random : (n, 2) in 0..1.  Directions below the surface weigh 0.
+    Facets are drawn in proportion to their visible area from `leaving` (Heitz 2018), so the weight F G / G₁ is at most
+    1. Directions below the surface have weight 0.
+
+    random : (n, 2) in 0..1.
     """
     first, second = tangents(normals)
     axes = np.stack([first, second, normals], axis=1)
@@ -127,7 +135,7 @@ def sampled(
 
 
 def _coated(scene: Scene, index: NDArray[np.int64]) -> list[tuple[Surface, BoolArray]]:
-    """Coated surfaces, and which places lie on them."""
+    """Returns the coated surfaces, each with the mask of the places on it."""
     coated = [(surface, index == k) for k, surface in enumerate(scene.surfaces) if surface.material.gloss is not None]
     return [(surface, on) for surface, on in coated if on.any()]
 
@@ -150,12 +158,12 @@ def _distribution(cos_half: FloatArray, roughness: float) -> FloatArray:
 
 
 def _shade(cosine: FloatArray, roughness: float) -> FloatArray:
-    """Λ of Smith's shadowing."""
+    """Returns Λ of Smith's shadowing."""
     return np.asarray((np.sqrt(1 + roughness**2 * (1 / cosine**2 - 1)) - 1) / 2)
 
 
 def _visible_facet(seen: FloatArray, roughness: float, random: FloatArray) -> FloatArray:
-    """Facet normals (n, 3), z up, in proportion to their area as seen from unit vectors `seen` (Heitz 2018)."""
+    """Returns facet normals (n, 3), z up, drawn by their area as seen from unit vectors `seen` (Heitz 2018)."""
     squeeze = np.array([roughness, roughness, 1.0])
     stretched = seen * squeeze
     stretched /= np.linalg.norm(stretched, axis=1, keepdims=True)

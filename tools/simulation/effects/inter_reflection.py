@@ -1,11 +1,11 @@
 """Diffuse inter-reflection, all bounces, between cells of the surfaces (radiosity; Goral et al. 1984).
 
-With E the direct irradiance on the cells and F the form factors, the radiosity is B = ρ (E + F B), and what arrives
-indirectly is H = F B = F (I − diag(ρ) F)⁻¹ diag(ρ) E = M E. The camera sees ρ H / π, H interpolated between the centres
-of the cells of the surface that it looks at. Together: far light = U M D with E = D p (T = C (I − K)⁻¹ P, factored).
+With E the direct irradiance on the cells and F the form factors, the radiosity is B = ρ (E + F B). The indirect
+irradiance is H = F B = F (I − diag(ρ) F)⁻¹ diag(ρ) E = M E. The camera sees ρ H / π, with H interpolated between the
+centres of the cells of the visible surface. Together: far light = U M D with E = D p (T = C (I − K)⁻¹ P, factored).
 
-Form factors between planes are exact for points (Lambert 1760); where a surface is curved they are sums over points.
-Surfaces have one side here, the one that their normals point to; clear solids are not seen.
+Form factors between planes are exact for points (Lambert 1760). Form factors with curved surfaces are sums over points.
+Surfaces have one side here, the side that their normals point to. Clear solids do not take part.
 """
 
 from collections.abc import Iterable
@@ -24,15 +24,19 @@ from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.surfaces import Surface
 from counterlight.tools.transport.transport import Csr, FarLight, stacked
 
-ALBEDO_POINTS = 8  # an axis and cell
+ALBEDO_POINTS = 8  # points per axis and cell
 Entries = tuple[IntArray, IntArray, FloatArray]
-NEAR = 4  # cell sizes: beyond, a cell's middle stands for it within half a per cent
+NEAR = 4  # cell sizes; beyond, the centre represents a cell within half a per cent
 PAIRS_AT_ONCE = 1 << 21
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """The far light's factors as far as they do not know the camera: gather D (cells, projector pixels), mix M."""
+    """The far light's factors that do not depend on the camera.
+
+    gather : D, (cells, projector pixels).
+    mix : M, (3, cells, cells).
+    """
 
     grids: tuple[Grid, ...]
     gather: SparseRows
@@ -47,7 +51,7 @@ class Exchange:
 
 
 def prepare(scene: Scene, deposits: Iterable[Deposits]) -> Exchange:
-    """Cells, the light that lands on them, and what they exchange."""
+    """Returns the cells, the light that lands on them, and their exchange."""
     grids = cut_into_cells(scene.surfaces, scene.cells)
     albedo = np.concatenate([mean_albedo(grid) for grid in grids])
     factors = form_factors(scene.surfaces, grids)
@@ -55,9 +59,9 @@ def prepare(scene: Scene, deposits: Iterable[Deposits]) -> Exchange:
 
 
 def seen_by_camera(scene: Scene, exchange: Exchange, samples: Samples, matt: FloatArray) -> list[Entries]:
-    """U's entries for some samples: camera pixel, cell, radiance per indirect irradiance on the cell (n, 3).
+    """Returns U's entries for some samples: camera pixel, cell, radiance per indirect irradiance on the cell (n, 3).
 
-    matt : radiance in a pixel per irradiance at the samples, (n, 3).
+    matt : (n, 3). Radiance in a pixel per irradiance at the samples.
     """
     parts = []
     for grid in exchange.grids:
@@ -71,7 +75,11 @@ def seen_by_camera(scene: Scene, exchange: Exchange, samples: Samples, matt: Flo
 
 
 def mixed(factors: FloatArray, albedo: FloatArray) -> FloatArray:
-    """M = F (I − diag(ρ) F)⁻¹ diag(ρ) per channel: (3, cells, cells); albedo (cells, 3)."""
+    """Returns M = F (I − diag(ρ) F)⁻¹ diag(ρ) per channel, (3, cells, cells).
+
+    factors : F, (cells, cells).
+    albedo : ρ, (cells, 3).
+    """
     identity = np.eye(len(factors))
     parts = []
     for i in range(3):
@@ -81,7 +89,7 @@ def mixed(factors: FloatArray, albedo: FloatArray) -> FloatArray:
 
 
 def form_factors(surfaces: tuple[Surface, ...], grids: list[Grid]) -> FloatArray:
-    """F[i, j], the share of what leaves cell i that reaches cell j, (cells, cells); occluded pairs are 0."""
+    """Returns F (cells, cells): F[i, j] is the share of light from cell i that reaches cell j; 0 if occluded."""
     count = sum(grid.count for grid in grids)
     result = np.zeros((count, count))
     opaque = tuple(surface for surface in surfaces if surface.matt)
@@ -95,14 +103,19 @@ def form_factors(surfaces: tuple[Surface, ...], grids: list[Grid]) -> FloatArray
                 exchange = _exchange(opaque, receiver, emitter)
                 result[receiver.numbers, emitter.numbers] = _per_area(exchange, receiver.areas)
                 result[emitter.numbers, receiver.numbers] = _per_area(exchange.T, emitter.areas)
-    return np.asarray(result / np.maximum(result.sum(axis=1, keepdims=True), 1))  # nothing returns more than it gets
+    # no cell returns more light than it receives
+    return np.asarray(result / np.maximum(result.sum(axis=1, keepdims=True), 1))
 
 
 def point_to_polygon(points: FloatArray, normal: FloatArray, outlines: FloatArray) -> FloatArray:
-    """Form factors from small areas at points (n, 3), all with one normal, to one polygon each (n, corners, 3): (n,).
+    """Returns form factors (n,) from small areas at points to one polygon each.
 
-    F = 1/2π |Σ_k β_k n · (r_k × r_{k+1}) / |r_k × r_{k+1}|| (Lambert 1760). Corners below the horizon of a point are
-    raised onto it.
+    F = 1/2π |Σ_k β_k n · (r_k × r_{k+1}) / |r_k × r_{k+1}|| (Lambert 1760). Polygon corners below the horizon of a
+    point are raised onto it.
+
+    points : (n, 3).
+    normal : (3,), shared by all points.
+    outlines : (n, corners, 3).
     """
     r = outlines - points[:, None]
     r = r - np.minimum(r @ normal, 0)[..., None] * normal
@@ -117,7 +130,7 @@ def point_to_polygon(points: FloatArray, normal: FloatArray, outlines: FloatArra
 
 
 def mean_albedo(grid: Grid) -> FloatArray:
-    """(cells, 3)."""
+    """Returns the mean albedo of each cell, (cells, 3)."""
     material = grid.surface.material
     if not isinstance(grid.surface.shape, Parallelogram):
         return np.asarray(np.sum(grid.share[..., None] * material.albedo(grid.u, grid.v), axis=1))
@@ -125,7 +138,7 @@ def mean_albedo(grid: Grid) -> FloatArray:
 
 
 def _between_planes(surfaces: tuple[Surface, ...], receiver: Grid, emitter: Grid) -> FloatArray:
-    """From one point of each receiving cell, from all of its points where the other cell is near."""
+    """Returns form factors from one point per receiving cell, or from all its points if the emitting cell is near."""
     i, j = np.nonzero(np.outer(_in_front_of(receiver, emitter), _in_front_of(emitter, receiver)))
     starts, ends = _centres(receiver), _centres(emitter)
     others = tuple(s for s in surfaces if s is not receiver.surface and s is not emitter.surface)
@@ -143,7 +156,7 @@ def _between_planes(surfaces: tuple[Surface, ...], receiver: Grid, emitter: Grid
 
 
 def _in_front_of(cells: Grid, judge: Grid) -> NDArray[np.bool_]:
-    """Which cells have their centre in front of the other grid's plane."""
+    """Returns the mask of the cells whose centre is in front of the other grid's plane."""
     return np.asarray((_centres(cells) - judge.points[0, 0]) @ judge.normals[0, 0] > 0)
 
 
@@ -152,10 +165,10 @@ def _centres(grid: Grid) -> FloatArray:
 
 
 def _exchange(surfaces: tuple[Surface, ...], first: Grid, second: Grid) -> FloatArray:
-    """A_i F_ij, (first cells, second cells): the sum of a_p a_q cos θ_p cos θ_q / (π r² + (a_p + a_q)/2) over points.
+    """Returns A_i F_ij, (first cells, second cells).
 
-    The areas in the denominator keep near points finite, as that of a disc does (Wallace et al. 1989); each pair of
-    points sees the other or not.
+    Each value is the sum of a_p a_q cos θ_p cos θ_q / (π r² + (a_p + a_q)/2) over visible pairs of points. The areas in
+    the denominator keep the sum finite for near points, as for a disc (Wallace et al. 1989).
     """
     result = np.zeros((first.count, second.count))
     areas_p, areas_q = first.share * first.areas[:, None], second.share * second.areas[:, None]
@@ -178,7 +191,7 @@ def _exchange(surfaces: tuple[Surface, ...], first: Grid, second: Grid) -> Float
 
 
 def _take_hidden(surfaces: tuple[Surface, ...], kernel: FloatArray, starts: FloatArray, ends: FloatArray) -> None:
-    """Set pairs of points that do not see each other to 0."""
+    """Set pairs of points that do not see each other to 0, in place."""
     i, j, k = np.nonzero(kernel > 1e-3 * kernel.mean())
     hidden = blocked(starts[i], ends[j, k], surfaces)
     kernel[i[hidden], j[hidden], k[hidden]] = 0
@@ -189,7 +202,7 @@ def _per_area(exchange: FloatArray, areas: FloatArray) -> FloatArray:
 
 
 def _gather(scene: Scene, grids: list[Grid], deposits: Iterable[Deposits]) -> SparseRows:
-    """D: irradiance on each cell per unit drive of each projector pixel, the flux that lands on it by its area."""
+    """Returns D: irradiance on each cell per unit drive of each projector pixel, i.e. landed flux per cell area."""
     shape = grids[-1].first + grids[-1].count, scene.projector.pixels
     cells, pixels, values = [], [], []
     for batch in deposits:

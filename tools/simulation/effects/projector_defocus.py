@@ -1,9 +1,9 @@
-"""Projector defocus: each point is lit through the whole lens, so out of focus by a disc of pixels (thin lens).
+"""Projector defocus: the whole lens lights each point, so a point receives light of a disc of pixels (thin lens).
 
-The point a of a lens focused at depth f lights a point X at depth z with the pixel that is sharp where the line a X
-cuts the plane of focus: the pinhole's pixel, moved by a (1/f − 1/z) on the plane at depth 1. The lens is small against
-the distance, so each of its points sends an equal share of the pinhole's irradiance. The points are a sequence that
-fills the lens evenly however many are taken, and the samples of one camera pixel take different ones.
+The lens is focused at depth f. Its point a lights a point X at depth z with the pixel that is sharp where the line a X
+cuts the plane of focus. That is the pinhole's pixel, moved by a (1/f − 1/z) on the plane at depth 1. The lens is small
+compared with the distance, so each lens point sends an equal share of the pinhole's irradiance. The lens points are a
+sequence that fills the lens evenly at any count, and the samples of one camera pixel take different points.
 """
 
 import numpy as np
@@ -14,20 +14,20 @@ from counterlight.tools.simulation.paths import Arrivals, Samples
 from counterlight.tools.simulation.projector_side import irradiance
 from counterlight.tools.simulation.scene import Scene
 
-POINTS_A_PIXEL = 4.0  # lens points, of all samples of a camera pixel, for each projector pixel of the disc
-MAX_POINTS = 64  # a sample
+POINTS_A_PIXEL = 4.0  # lens points, over all samples of a camera pixel, per projector pixel of the disc
+MAX_POINTS = 64  # points per sample
 ARRIVALS_AT_ONCE = 1 << 20
 
 
 def arrivals(scene: Scene, samples: Samples) -> list[Arrivals]:
-    """Arrivals through points of the lens, more of them the larger the circle of confusion."""
+    """Returns arrivals through points of the lens; a larger circle of confusion gets more points."""
     projector = scene.projector
     x, y, depth = projector.project(samples.point)
     light = irradiance(scene, samples.point, samples.normal)
     reach = projector.blur_pixels(np.where(depth > 0, depth, np.nan)) / 2
     near = (x > -reach) & (x < projector.width + reach) & (y > -reach) & (y < projector.height + reach)
     lit = np.flatnonzero(near & (light > 0))
-    pixels = np.pi * reach[lit] ** 2 + 2 * reach[lit]  # of the disc and of its edge
+    pixels = np.pi * reach[lit] ** 2 + 2 * reach[lit]  # pixels of the disc and of its edge
     wanted = np.clip(np.ceil(POINTS_A_PIXEL * pixels / scene.samples**2), 1, MAX_POINTS)
     counts = (2 ** np.ceil(np.log2(wanted))).astype(np.int64)
     batches = []
@@ -43,7 +43,10 @@ def arrivals(scene: Scene, samples: Samples) -> list[Arrivals]:
 def _through_the_lens(
     scene: Scene, pixel: IntArray, index: IntArray, count: int, seen: tuple[FloatArray, ...]
 ) -> Arrivals:
-    """Arrivals of some samples through `count` points each; seen: x, y and depth in the projector, and irradiance."""
+    """Returns arrivals of some samples through `count` lens points each.
+
+    seen : x, y and depth in the projector, and irradiance; each (samples,).
+    """
     projector = scene.projector
     x, y, depth, light = (column[index] for column in seen)
     a, b = LensPoints(projector.aperture).of(pixel[index], count)

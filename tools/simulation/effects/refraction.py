@@ -1,13 +1,13 @@
 """Refraction: light through clear solids, by Snell's and Fresnel's laws (Born and Wolf, Principles of Optics, 1.5).
 
-With i and t the cosines on the side that the light comes from and goes to and η = n_from / n_to,
+With i and t the cosines on the incoming and the outgoing side and η = n_from / n_to,
 
     t² = 1 − η² (1 − i²)                                   (Snell; negative: total internal reflection)
     R = ½ [((η i − t) / (η i + t))² + ((i − η t) / (i + η t))²]   (Fresnel, unpolarised)
 
-At every face light goes on both ways. Inside, it fades as e^(−a · distance) (Beer-Lambert). Solids stand in air and
-apart from each other. `scatter` is the camera's side and carries radiance, which is n² times as dense inside; `forward`
-is the projector's and carries flux.
+At every face light continues both ways. Inside, it fades as e^(−a · distance) (Beer-Lambert). Solids stand in air and
+do not touch. `scatter` serves the camera side and carries radiance, which is n² times as dense inside. `forward` serves
+the projector side and carries flux.
 """
 
 from dataclasses import replace
@@ -26,26 +26,29 @@ if TYPE_CHECKING:
 
 
 def scatter(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:
-    """Rays that go on from clear faces, backwards from the camera."""
+    """Returns the rays that continue from clear faces, backwards from the camera."""
     ways = _split(scene, rays, hits, effects, radiance=True)
     return [joined(ways)] if ways else []
 
 
 def forward(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:
-    """Rays that go on from clear faces, from the projector; one batch for each way that light can take."""
+    """Returns the projector rays that continue from clear faces; one batch per way that light can take."""
     return _split(scene, rays, hits, effects, radiance=False)
 
 
 def reflected(directions: FloatArray, normals: FloatArray) -> FloatArray:
-    """Mirrored unit directions (n, 3); the normals' side does not matter."""
+    """Returns mirrored unit directions (n, 3); the sign of the normals does not matter."""
     return np.asarray(directions - 2 * np.sum(directions * normals, axis=1)[:, None] * normals)
 
 
 def refracted(directions: FloatArray, normals: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit directions (n, 3) beyond a face, and the share R (n,) that the face reflects.
+    """Returns unit directions (n, 3) beyond a face, and the share R (n,) that the face reflects.
 
-    directions : (n, 3) unit.  normals : (n, 3) unit, on the side the light comes from.
-    ratio : (n,) η = n_from / n_to.  Where all light is reflected R is 1 and the direction is the tangent's.
+    Under total reflection R is 1 and the direction is tangential.
+
+    directions : (n, 3), unit.
+    normals : (n, 3), unit, on the side of the incoming light.
+    ratio : (n,) η = n_from / n_to.
     """
     cos_in = -np.sum(directions * normals, axis=1)
     cos_out = np.sqrt(np.maximum(1 - ratio**2 * (1 - cos_in**2), 0))
@@ -54,7 +57,7 @@ def refracted(directions: FloatArray, normals: FloatArray, ratio: FloatArray) ->
 
 
 def reflectance_of(cos_in: FloatArray, cos_out: FloatArray, ratio: FloatArray) -> FloatArray:
-    """Fresnel's R of unpolarised light, 0..1; 1 where cos_out is 0."""
+    """Returns Fresnel's R of unpolarised light, 0..1; 1 where cos_out is 0."""
     across = (ratio * cos_in - cos_out) / np.maximum(ratio * cos_in + cos_out, 1e-30)
     along = (cos_in - ratio * cos_out) / np.maximum(cos_in + ratio * cos_out, 1e-30)
     return np.asarray((across**2 + along**2) / 2)
@@ -81,7 +84,7 @@ def _split(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn", *, radian
 
 
 def _both_ways(rays: Rays, hits: Hits, surface: int, index: float, radiance: bool) -> list[Rays]:
-    """The refracted and the reflected rays."""
+    """Returns the refracted and the reflected rays."""
     ratio = np.where(hits.front, 1 / index, index)
     bent, share = refracted(rays.direction, hits.normal, ratio)
     density = ratio**2 if radiance else np.ones_like(ratio)

@@ -1,4 +1,4 @@
-"""Shadows: light does not arrive if a surface stands between a point and where the light comes from."""
+"""Shadows: light does not arrive if a surface stands between a point and the light's origin."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,5 +9,5 @@ from counterlight.tools.simulation.scene import Scene
 
 
 def shaded(scene: Scene, points: FloatArray, origins: FloatArray) -> NDArray[np.bool_]:
-    """Which points (n, 3) get no light from the points (n, 3) of the projector's lens."""
+    """Returns the mask of points (n, 3) that get no light from `origins` (n, 3), points of the projector's lens."""
     return blocked(points, origins, scene.surfaces)

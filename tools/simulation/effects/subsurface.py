@@ -1,13 +1,14 @@
 """Subsurface scattering: light that enters a translucent surface near a point leaves at the point.
 
-The diffusion profile of Christensen and Burley (2015), fitted to path-traced slabs without end that are lit from above:
-with A the diffuse albedo, ℓ the mean free path, s = 1.85 − A + 7 |A − 0.8|³ and d = ℓ / s,
+The diffusion profile of Christensen and Burley (2015) fits path-traced infinite slabs that are lit from above. With A
+the diffuse albedo, ℓ the mean free path, s = 1.85 − A + 7 |A − 0.8|³ and d = ℓ / s,
 
     R(r) = A / (8 π d r) · (e^(−r / d) + e^(−r / 3d)),      ∫ R dA = A,
 
-and radiance out is ∫ R(|x − y|) E(y) dA / π. The integral over y is a sum over points around x: a radius of the
-profile's own distribution and an even angle on the plane that touches the surface at x, carried onto the surface along
-the normal. Where the surface bends away its points weigh R(|x − y|) / (R(r) cos); where it ends, light is lost.
+and outgoing radiance is ∫ R(|x − y|) E(y) dA / π. The integral over y is a sum over points around x. Each point has a
+radius from the profile's own distribution and an evenly spread angle on the tangent plane at x. The point is then
+projected onto the surface along the normal. Points where the surface bends away weigh R(|x − y|) / (R(r) cos). Light
+beyond the surface's edge is lost.
 """
 
 from dataclasses import replace
@@ -19,14 +20,14 @@ from counterlight.tools.simulation.effects.sequence import even_pairs, tangents
 from counterlight.tools.simulation.paths import Samples
 from counterlight.tools.simulation.scene import Scene
 
-POINTS = 4  # around each sample, for each channel
-STEEPEST = 0.25  # cosine; points where the surface turns further away weigh no more
-FARTHEST = 1 - 1e-4  # share of the profile that is reached
+POINTS = 4  # points per sample and channel
+STEEPEST = 0.25  # cosine; steeper points weigh no more than points at this slope
+FARTHEST = 1 - 1e-4  # share of the profile that is sampled
 CLEARANCE = 1e-3  # metres
 
 
 def spread(scene: Scene, samples: Samples) -> list[Samples]:
-    """The samples on other surfaces as they are, and those on translucent ones spread over their neighbourhood."""
+    """Returns the samples; samples on translucent surfaces are spread over their neighbourhood."""
     translucent = np.array([surface.material.translucency is not None for surface in scene.surfaces])
     on = translucent[samples.surface]
     result = [samples.at(~on)]
@@ -36,18 +37,18 @@ def spread(scene: Scene, samples: Samples) -> list[Samples]:
 
 
 def scale(albedo: FloatArray) -> FloatArray:
-    """s of the profile, from the diffuse albedo A in 0..1."""
+    """Returns s of the profile, from the diffuse albedo A in 0..1."""
     return np.asarray(1.85 - albedo + 7 * np.abs(albedo - 0.8) ** 3)
 
 
 def profile(radius: FloatArray, width: FloatArray) -> FloatArray:
-    """R / A at distance radius > 0 (metres), per square metre; width d = ℓ / s in metres."""
+    """Returns R / A per square metre at distance radius > 0 (metres); the width d = ℓ / s is in metres."""
     x = radius / width
     return np.asarray((np.exp(-x) + np.exp(-x / 3)) / (8 * np.pi * width * radius))
 
 
 def radius_within(share: FloatArray) -> FloatArray:
-    """Distance, in units of d, within which the profile has a share (0 ≤ share < 1) of its light.
+    """Returns the distance, in units of d, within which the profile has a share (0 ≤ share < 1) of its light.
 
     1 − share = ¼ e^(−x) + ¾ e^(−x/3) is the cubic y³ + 3 y = 4 (1 − share) in y = e^(−x/3), whose only real root is
     y = 2 sinh(asinh(2 (1 − share)) / 3).
@@ -56,7 +57,7 @@ def radius_within(share: FloatArray) -> FloatArray:
 
 
 def _neighbours(scene: Scene, samples: Samples, index: int) -> list[Samples]:
-    """POINTS batches of points around the samples of one surface for each channel, or for all if they scatter alike."""
+    """Returns POINTS batches of points around the samples of one surface, per channel, or once for equal channels."""
     surface = scene.surfaces[index]
     translucency = surface.material.translucency
     assert translucency is not None
@@ -67,7 +68,7 @@ def _neighbours(scene: Scene, samples: Samples, index: int) -> list[Samples]:
 
 
 def _around(scene: Scene, samples: Samples, index: int, width: FloatArray, channels: list[int]) -> list[Samples]:
-    """Points around the samples that stand for some channels; a sample's points weigh at most 1 together."""
+    """Returns points around the samples for some channels; the weights of a sample's points sum to at most 1."""
     carried = np.zeros_like(samples.throughput)
     carried[:, channels] = samples.throughput[:, channels] / POINTS
     found = []
@@ -89,10 +90,10 @@ def _around(scene: Scene, samples: Samples, index: int, width: FloatArray, chann
 def _onto_surface(
     scene: Scene, samples: Samples, index: int, aside: FloatArray, radius: FloatArray, width: FloatArray
 ) -> tuple[IntArray, Samples, FloatArray]:
-    """Places of the surface below points beside the samples: the samples' rows, the places, and their weights.
+    """Project points next to the samples onto the surface: indices of the samples, places, and weights.
 
-    A probe falls from a little higher above the plane that touches the surface than the place is aside, and no deeper
-    than that below it.
+    A probe starts slightly higher above the tangent plane than the point's distance from the sample. It ends at the
+    same depth below the plane.
     """
     height = radius + CLEARANCE
     starts = samples.point + aside + height[:, None] * samples.normal

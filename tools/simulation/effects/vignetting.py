@@ -1,7 +1,7 @@
-"""Vignetting: a lens passes less light towards the corners of its picture.
+"""Vignetting: a lens transmits less light towards the corners of its picture.
 
 "cos4" is the natural falloff of a simple lens, cos⁴ α at an angle α from the axis (Reiss 1945). A number is the share
-lost in the corner, growing with the square of the distance from the centre.
+lost in the corner; the loss grows with the squared distance from the centre.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from counterlight.tools.simulation.devices import Device
 
 
 def transmission(device: Device) -> FloatArray:
-    """Share of the light that each pixel passes, (pixels,), 1 in the centre."""
+    """Returns the share of the light that each pixel transmits, (pixels,); 1 in the centre."""
     y, x = np.indices((device.height, device.width)) + 0.5
     if device.vignetting == "cos4":
         across, up = device.direction_of(x.ravel(), y.ravel())

@@ -14,18 +14,20 @@ from counterlight.tools.simulation.shapes.triangles import Triangles
 MAX_BYTES = 256 << 20
 MAX_TRIANGLES, LONGEST_LINE = 1 << 22, 1 << 16
 FARTHEST = 1e6  # metres
-LISTS = {"v": 3, "vt": 2, "vn": 3}  # numbers of an entry
-NONE = -1  # in place of an index
+LISTS = {"v": 3, "vt": 2, "vn": 3}  # numbers per entry
+NONE = -1  # stands for a missing index
 
 
 def read_obj(path: Path, where: str, at: FloatArray, scale: float) -> Triangles:
-    """Vertices are scaled, then moved to `at`. InputError starting with `where` for anything that is no mesh.
+    """Read a mesh; vertices are scaled, then moved to `at`.
 
-    Without texture coordinates every place is (0, 0); without normals the facets are flat.
+    Without texture coordinates every place is (0, 0). Without normals the facets are flat.
+
+    Raises InputError starting with `where` for anything that is not a mesh.
     """
     try:
         lists, corners = _parsed(read_bytes(path, MAX_BYTES, "check the path, or simplify the mesh"))
-        with np.errstate(over="ignore"):  # what overflows is infinite, and refused
+        with np.errstate(over="ignore"):  # overflow becomes infinite, and is refused
             return _mesh(lists, corners, at, scale)
     except ValueError as error:
         raise InputError(f"{where}: {path}: {one_line(error)}") from None
@@ -61,7 +63,10 @@ def _unit(normals: FloatArray) -> FloatArray:
 
 
 def _parsed(content: bytes) -> tuple[dict[str, FloatArray], IntArray]:
-    """What v, vt and vn list, and the corners (v, vt, vn), three a triangle; ValueError naming the line."""
+    """Returns the lists v, vt and vn, and the corners (v, vt, vn), three per triangle.
+
+    Raises ValueError that names the line.
+    """
     lists = {name: array("d") for name in LISTS}
     corners = array("q")
     for number, line in enumerate(BytesIO(content), 1):
@@ -93,7 +98,7 @@ def _numbers(fields: list[bytes], count: int) -> list[float]:
 
 
 def _corner(field: bytes, counts: dict[str, int]) -> tuple[int, ...]:
-    """`7/3/2`, `7//2` or `7`, counted from 1, or from the end if negative -> indices from 0."""
+    """Convert `7/3/2`, `7//2` or `7`, counted from 1, or from the end if negative, to indices from 0."""
     parts = [*field.split(b"/"), b"", b""][:3]
     return tuple(
         (int(part) - 1 if int(part) > 0 else max(counts[name] + int(part), NONE - 1)) if part else NONE
@@ -108,7 +113,7 @@ def _chosen(values: FloatArray, index: IntArray) -> FloatArray:
 
 
 def _is_closed(faces: IntArray) -> bool:
-    """Does every edge have exactly two faces, one in each direction?"""
+    """Returns whether every edge has exactly two faces, one in each direction."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     forward = np.unique(edges, axis=0)
     return len(forward) == len(edges) and np.array_equal(forward, np.unique(edges[:, ::-1], axis=0))

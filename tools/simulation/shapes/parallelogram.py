@@ -13,7 +13,7 @@ PARALLEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Parallelogram:
-    """`normal` is a unit vector; light from either side is reflected on that side."""
+    """A flat surface; `normal` is a unit vector. Both sides reflect light."""
 
     corner: FloatArray
     edge_u: FloatArray
@@ -31,7 +31,7 @@ class Parallelogram:
 
     @property
     def corners(self) -> FloatArray:
-        """(4, 3), around the outline."""
+        """Returns the corners (4, 3), in order around the outline."""
         return self.at(np.array([0.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0]))
 
     def meet(self, origins: FloatArray, directions: FloatArray) -> Meeting:
@@ -55,7 +55,7 @@ class Parallelogram:
         return np.full(np.shape(u), self.area)
 
     def _cut(self, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Distance in units of the direction, and (u, v) in the plane; infinite distance when parallel."""
+        """Returns distances in units of the direction, infinite for parallel rays, and (u, v) in the plane."""
         towards = directions @ self.normal
         parallel = np.abs(towards) < PARALLEL
         height = (self.corner - origins) @ self.normal

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.shapes.shape import TOO_CLOSE, Meeting
 
-CAP = 1.0  # a cylinder's caps take v from −1 to 0 and from 1 to 2
+CAP = 1.0  # a cylinder's caps use v from −1 to 0 and from 1 to 2
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """u runs around the vertical axis, v from the bottom (0) to the top (1) by height, so that areas are equal."""
+    """A sphere. u runs around the vertical axis, v by height from bottom (0) to top (1); v is proportional to area."""
 
     centre: FloatArray
     radius: float
@@ -58,10 +58,12 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """A round solid from `base` along `axis`; across, deep: unit vectors, with the axis a right-handed frame.
+    """A round solid from `base` along `axis`.
 
-    u runs around; v from 0 (base) to 1 (top) on the side, from −1 to 0 on the base's cap from its centre outwards, from
-    1 to 2 on the top's cap inwards.
+    u runs around. v runs from 0 (base) to 1 (top) on the side, from −1 to 0 on the base's cap from its centre outwards,
+    and from 1 to 2 on the top's cap inwards.
+
+    across, deep : unit vectors; with the axis they form a right-handed frame.
     """
 
     base: FloatArray
@@ -116,7 +118,7 @@ class Cylinder:
         return np.asarray(np.cos(angle) * self.across + np.sin(angle) * self.deep)
 
     def _crossings(self, origins: FloatArray, directions: FloatArray) -> FloatArray:
-        """Distances (n, 4) of the side, twice, and of base and top; infinite where there is none."""
+        """Returns distances (n, 4): two for the side, one each for base and top; infinite for no crossing."""
         height = float(np.linalg.norm(self.axis))
         up = self.axis / height
         offset = origins - self.base
@@ -141,9 +143,9 @@ class Cylinder:
 
 
 def _quadratic(a: FloatArray, half_b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Roots of a t² + 2 half_b t + c = 0, the smaller first; infinite where there is none.
+    """Returns the roots of a t² + 2 half_b t + c = 0, the smaller first; infinite if there are none.
 
-    The one of larger magnitude without cancellation, the other from their product c / a.
+    The root of larger magnitude is computed without cancellation, the other root from their product c / a.
     """
     discriminant = half_b**2 - a * c
     real = (discriminant >= 0) & (a > 1e-300)

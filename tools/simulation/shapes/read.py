@@ -1,4 +1,4 @@
-"""A surface's shape from its table in the scene file; the keys are in tools/simulation/scene.py's text."""
+"""A surface's shape from its table in the scene file; the docstring of tools/simulation/scene.py lists the keys."""
 
 import importlib
 from collections.abc import Callable
@@ -20,7 +20,10 @@ MOST_POINTS = 1 << 22
 
 
 def read_shapes(table: Table, folder: Path, eye: Vector) -> list[tuple[str, Shape]]:
-    """A surface's shapes and what to add to its name (a card has two); fronts are on the side of `eye`, the camera."""
+    """Returns a surface's shapes, each with a suffix for its name (a card has two shapes).
+
+    eye : the camera's position; fronts are on its side.
+    """
     kind = table.choice("shape", KINDS, "plane")
     readers: dict[str, Callable[[Table, Path, Vector], Shape]] = {
         "plane": _plane,
@@ -99,7 +102,7 @@ def _relief(table: Table, folder: Path, eye: Vector) -> Shape:
 
 
 def _grid(base: Parallelogram, detail: int) -> tuple[int, int]:
-    """Vertices along u and v: `detail` fields along the longer edge, square ones."""
+    """Returns the numbers of vertices along u and v: square fields, `detail` of them along the longer edge."""
     lengths = np.linalg.norm(base.edge_u), np.linalg.norm(base.edge_v)
     step = max(lengths) / detail
     columns, rows = (max(2, round(float(length / step))) + 1 for length in lengths)

@@ -1,4 +1,4 @@
-"""What every shape offers: where rays meet it, whether it stands in their way, and its own points by (u, v)."""
+"""The common interface of shapes: where rays meet a shape, whether it blocks them, and its own points by (u, v)."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,15 +8,18 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 
-TOO_CLOSE = 1e-6  # of a direction's length: a ray does not meet the surface that it starts on
+TOO_CLOSE = 1e-6  # fraction of a direction's length: a ray does not meet the surface that it starts on
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """The nearest point where some rays meet a shape, one row for each ray that does.
+    """The nearest points where rays meet a shape, one row per ray that meets it.
 
-    ray : index of the ray.  distance : in units of its direction.  u, v : the place on the shape.
-    normal : outward unit normal (rays, 3).  facet : triangle, or −1 for shapes without.
+    ray : index of the ray.
+    distance : in units of the ray's direction.
+    u, v : place on the shape.
+    normal : (rays, 3). Outward unit normal.
+    facet : triangle, or −1 for shapes without triangles.
     """
 
     ray: IntArray
@@ -30,9 +33,11 @@ class Meeting:
 class Shape(Protocol):
     """A piece of a surface, parametrised by (u, v).
 
-    flat : it is a parallelogram.  closed : it bounds a solid, normals point out of it.
-    convex : no part of it can shade or light another.
-    v_range : what v runs through; u runs from 0 to 1.  wraps : u = 0 and u = 1 are the same place.
+    flat : whether it is a parallelogram.
+    closed : whether it bounds a solid; normals then point outwards.
+    convex : whether no part of it can shade or light another part.
+    v_range : range of v; u runs from 0 to 1.
+    wraps : whether u = 0 and u = 1 are the same place.
     """
 
     @property
@@ -51,23 +56,27 @@ class Shape(Protocol):
     def wraps(self) -> bool: ...
 
     def meet(self, origins: FloatArray, directions: FloatArray) -> Meeting:
-        """The nearest meeting of each ray; origins (n, 3), directions (n, 3) of any length."""
+        """Returns the nearest meeting of each ray.
+
+        origins : (3,) or (n, 3).
+        directions : (n, 3), of any length.
+        """
 
     def blocks(self, starts: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """Which segments from starts to starts + directions it cuts strictly between their ends."""
+        """Returns the mask of the segments from starts to starts + directions that the shape cuts strictly inside."""
 
     def at(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Points (…, 3) at u, v (…)."""
+        """Returns points (…, 3) at u, v (…)."""
 
     def normals(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Unit normals (…, 3) at u, v (…)."""
+        """Returns unit normals (…, 3) at u, v (…)."""
 
     def density(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Area per du dv (…) at u, v (…)."""
+        """Returns area per du dv (…) at u, v (…)."""
 
 
 def shape_area(shape: Shape, side: int = 64) -> float:
-    """Square metres, by the midpoint rule."""
+    """Returns the area in square metres, by the midpoint rule."""
     low, high = shape.v_range
     middle = (np.arange(side) + 0.5) / side
     u, v = np.meshgrid(middle, low + (high - low) * middle)
@@ -75,6 +84,6 @@ def shape_area(shape: Shape, side: int = 64) -> float:
 
 
 def sample_places(shape: Shape, side: int) -> tuple[FloatArray, FloatArray]:
-    """u, v of side × side places spread over a shape from edge to edge, (side²,) each."""
+    """Returns u, v of side × side places, spread over a shape from edge to edge, (side²,) each."""
     u, v = np.meshgrid(np.linspace(0, 1, side), np.linspace(*shape.v_range, side))
     return u.ravel(), v.ravel()

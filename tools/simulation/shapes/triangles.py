@@ -1,6 +1,6 @@
-"""Surfaces of triangles: reliefs, turned solids and meshes; rays meet them through Embree (Wald et al. 2014).
+"""Surfaces of triangles: reliefs, solids of revolution and meshes; rays meet them through Embree (Wald et al. 2014).
 
-Embree works in float32. It finds the triangle; the distance is then computed in float64 on that triangle's plane.
+Embree works in float32 and finds the triangle. The distance is then computed in float64 on that triangle's plane.
 """
 
 from dataclasses import dataclass, field
@@ -13,16 +13,18 @@ from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.tools.simulation.shapes.shape import Meeting
 
-START_GAP = 1e-4  # metres that a ray moves before it can meet: float32 knows points of a room to 1e-6
+START_GAP = 1e-4  # metres that a ray moves before it can meet a surface: float32 resolves points of a room to 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
     """A triangle mesh.
 
-    vertices (n, 3), faces (m, 3).  places : (u, v) of the vertices, (n, 2).
-    vertex_normals : unit normals to interpolate, (n, 3), or None for facets.
-    grid : columns and rows of vertices, row by row in v, when the mesh is a grid over u and v; else None.
+    vertices : (n, 3).
+    faces : (m, 3).
+    places : (n, 2). (u, v) of the vertices.
+    vertex_normals : (n, 3). Unit normals to interpolate, or None for flat facets.
+    grid : columns and rows of vertices, row by row in v, if the mesh is a grid over u and v; otherwise None.
     """
 
     vertices: FloatArray
@@ -90,7 +92,7 @@ class Triangles:
         return np.asarray(np.linalg.norm(np.cross(du, dv), axis=-1))
 
     def _smooth(self, facet: FloatArray, face: IntArray, weights: FloatArray) -> FloatArray:
-        """Interpolated normals, where they stay on the facet's side."""
+        """Returns interpolated normals where they stay on the facet's side, and the facet's normal elsewhere."""
         if self.vertex_normals is None:
             return facet
         normal = np.sum(weights[..., None] * self.vertex_normals[self.faces[face]], axis=1)
@@ -110,9 +112,10 @@ class Triangles:
 
 
 def over_grid(points: FloatArray, keep: NDArray[np.bool_] | None, *, closed: bool, wraps: bool) -> Triangles:
-    """Triangles between the points (rows, columns, 3) of a grid, v by row and u by column; smooth normals.
+    """Returns triangles between the points of a grid, v by row and u by column, with smooth normals ∂u × ∂v.
 
-    keep : (rows − 1, columns − 1), which fields are part of the surface; None for all. Normals are ∂u × ∂v.
+    points : (rows, columns, 3).
+    keep : (rows − 1, columns − 1). Fields that belong to the surface; None for all.
     """
     rows, columns = points.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
@@ -134,7 +137,10 @@ def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _vertex_normals(vertices: FloatArray, faces: IntArray, seam: tuple[int, int] | None) -> FloatArray:
-    """Means of the neighbouring faces' normals by area (Gouraud 1971); a seam joins the first and the last column."""
+    """Returns the area-weighted means of the neighbouring faces' normals (Gouraud 1971).
+
+    seam : rows and columns of a grid whose first and last columns coincide; None without a seam.
+    """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
     total = np.zeros_like(vertices)

@@ -1,7 +1,7 @@
-"""What one asks about one's own room, each question answered by trying: a module a question.
+"""Questions about a user's own room, each answered by trying; one module per question.
 
-answers.py is what an answer is, place.py the room in which it is tried; acquiring.py, moving.py, coarser.py,
-drifting.py and colours.py try, figures.py reads steps and maps off the figures of the study's methods; asked.py asks
-them all, and page.py says them: a verdict, a plot, tables. May import what the study may. Read next: answers.py,
-place.py, asked.py.
+answers.py defines an answer, place.py the room in which questions are tried. acquiring.py, moving.py, coarser.py,
+drifting.py and colours.py try. figures.py takes steps and maps from the figures of the study's methods. asked.py asks
+all questions, and page.py presents them: a verdict, a plot, tables. May import what the study may. Read next:
+answers.py, place.py, asked.py.
 """

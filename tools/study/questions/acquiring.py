@@ -1,4 +1,4 @@
-"""How many pictures does acquisition need here for which quality? Acquired again, by a camera that is simulated."""
+"""Question: how many pictures does an acquisition need here? A simulated camera acquires the room again."""
 
 import io
 from collections.abc import Callable
@@ -26,16 +26,21 @@ from counterlight.tools.study.questions.place import MOST_PIXELS, Place, coarse
 from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.transport import Transport
 
-MOST_ACQUIRED = MOST_PIXELS // 2  # camera pixels; schemes of a thousand pictures take minutes beyond
+MOST_ACQUIRED = MOST_PIXELS // 2  # camera pixels; beyond, schemes of a thousand pictures take minutes
 SHOTS = 4
 FIRST = 9, 16, 48, 128
 
 
 @dataclass(frozen=True)
 class Way:
-    """words, options : for the table and of counterlight acquire.  make : its scheme, none for pictures first.
+    """A way to acquire a room.
 
-    pictures : first, so many in all.  shots : of each pattern.  averaged : or as many as its noise asks for.
+    words : for the table.
+    options : of counterlight acquire.
+    make : its scheme; None for acquisition by pictures.
+    pictures : number of pictures, for acquisition by pictures.
+    shots : per pattern.
+    averaged : whether each pattern gets as many shots as its noise requires.
     """
 
     words: str
@@ -65,7 +70,7 @@ WAYS = (
 
 
 def pictures(place: Place) -> Question:
-    """Each way of acquiring, its T solved and shown in the room as it is."""
+    """Try each way: solve with the T that it acquired, and show the drives in the true room."""
     here = replace(coarse(place, MOST_ACQUIRED), colour="independent")
     answers, failed = [], []
     for way in track(WAYS, "acquiring again", len(WAYS)):
@@ -89,10 +94,11 @@ def pictures(place: Place) -> Question:
 
 @dataclass(frozen=True)
 class Again:
-    """What came of acquiring a room again.
+    """Result of acquiring a room again.
 
-    transport : of all its projectors and cameras.  black : what they give at black, (camera height, camera width, 3).
-    pictures, exposures : that it took.
+    transport : of all its projectors and cameras.
+    black : (camera height, camera width, 3). Radiance for a black projector picture.
+    pictures, exposures : numbers that the acquisition took.
     """
 
     transport: Transport
@@ -102,7 +108,10 @@ class Again:
 
 
 def acquire_again(room: Calibration, truth: Transport, way: Way) -> Again:
-    """A room acquired by simulated cameras that see it by its true T; InputError where a scheme does not work."""
+    """Acquire a room with simulated cameras that see it through its true T.
+
+    Raises InputError if the scheme does not work in this room.
+    """
     pixels = np.arange(room.camera.pixels).reshape(room.camera.shape)
     projectors = tuple(each.shape for each in room.projectors)
     first, *others = (
@@ -112,7 +121,8 @@ def acquire_again(room: Calibration, truth: Transport, way: Way) -> Again:
     settings = replace(CameraSettings(), exposures=(1.0,) * way.shots)
     camera = SimulatedCamera(first, settings, others=others)
     store = MemoryStore(camera.exposures, averaged=way.averaged)
-    with threadpool_limits(limits=1), redirect_stderr(io.StringIO()):  # as acquire; what is said is of this simulation
+    # one thread as in acquire; messages about the simulation are hidden
+    with threadpool_limits(limits=1), redirect_stderr(io.StringIO()):
         if way.make is None:
             parts = acquire_pictures(camera, store, way.pictures, projectors, stoppable=False)
         else:
@@ -126,7 +136,7 @@ def acquire_again(room: Calibration, truth: Transport, way: Way) -> Again:
 
 
 def tier_of_acquired(room: Calibration, again: Again) -> Tier:
-    """The room as an acquisition found it, seen in white light."""
+    """Returns the acquired room, seen in white light."""
     return tier_of(replace(room, ambient=again.black.astype(np.float32)), again.transport, "independent")
 
 

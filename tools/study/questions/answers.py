@@ -1,17 +1,20 @@
-"""A question about a room, what was tried, and in one sentence what came of it."""
+"""A question about a room, the settings tried, and a verdict of one sentence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-CLOSE_DB, NEAR_DB = 0.1, 1.0  # cannot be told apart; seen side by side
+CLOSE_DB, NEAR_DB = 0.1, 1.0  # decibels below the best: not visible; visible only side by side
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One setting.
+    """One setting that was tried.
 
-    cost : in the question's unit, None if it has none.  below : decibels below the best, mean of the pictures.
-    more : further cells of the table.  mark : setting in a word or two, for the plot.  series : the line that it is of.
+    cost : in the question's unit; None if the question has no cost.
+    below : decibels below the best, mean over the pictures.
+    more : further cells of the table.
+    mark : short name for the plot.
+    series : name of the plotted line that it belongs to.
     """
 
     setting: str
@@ -24,9 +27,13 @@ class Answer:
 
 @dataclass(frozen=True)
 class Question:
-    """cost : what answers cost, with its unit.  verdict : a sentence or two.  how : how it was tried.
+    """A question with its answers.
 
-    header : of `more`.  command : how a user gets what the verdict names.
+    cost : name of the answers' cost, with its unit.
+    verdict : a sentence or two.
+    how : how it was tried.
+    header : names of the cells in `more`.
+    command : how a user gets what the verdict names.
     """
 
     title: str
@@ -40,16 +47,16 @@ class Question:
 
 
 def cheapest(answers: Sequence[Answer], within: float) -> Answer | None:
-    """The least cost that stays within so many decibels."""
+    """Returns the answer of least cost within `within` decibels of the best, or None."""
     close = [answer for answer in answers if answer.cost is not None and answer.below <= within]
     return min(close, key=lambda answer: answer.cost or 0.0, default=None)
 
 
 def sentence(words: str) -> str:
-    """With a capital and a full stop."""
+    """Returns the words with a capital and a full stop."""
     return f"{words[0].upper()}{words[1:]}."
 
 
 def decibels(value: float) -> str:
-    """Two digits; what nobody sees is said so."""
+    """Returns decibels with two decimals, or "less than 0.01 dB"."""
     return "less than 0.01 dB" if value < 0.01 else f"{value:.2f} dB"

@@ -1,4 +1,4 @@
-"""All questions about one room, and the verdict that stands above them."""
+"""All questions about one room, and the verdict above them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ PLAIN, DIRECT = "uncompensated", "direct"
 class Asked:
     """A room's answers.
 
-    verdict : what is said of all, a sentence.  size : of the room that was asked, in words.
+    verdict : one sentence on all.
+    size : of the room in which questions were tried, in words.
     """
 
     room: str
@@ -26,14 +27,17 @@ class Asked:
 
 @dataclass(frozen=True)
 class Tried:
-    """What is answered by trying, without figures of methods.  size : of the room in which it was tried, in words."""
+    """Questions that are answered by trying, without figures of methods.
+
+    size : of the room in which they were tried, in words.
+    """
 
     questions: tuple[Question, ...]
     size: str
 
 
 def tried(own: Place) -> Tried:
-    """Try whatever a question needs to be tried: in the room as it is where pixels count, else in a coarse one."""
+    """Try all questions that need trying: at full size where pixel counts matter, otherwise in a coarse room."""
     place = coarse(own)
     found = [
         moving.film(place),
@@ -46,7 +50,10 @@ def tried(own: Place) -> Tried:
 
 
 def answered(room: str, found: Tried, rows: Sequence[Row]) -> Asked:
-    """Every answer.  rows : the figures of the methods in this room."""
+    """Returns the answers to all questions.
+
+    rows : the figures of the methods in this room.
+    """
     questions = figures.steps(rows), figures.maps(rows), *found.questions
     return Asked(room, _overall(rows), questions, found.size)
 

@@ -1,4 +1,4 @@
-"""What would a camera or a projector of half or a quarter of the pixels a side give?"""
+"""Question: what would a camera or a projector with half or a quarter of the pixels per side give?"""
 
 from itertools import product
 
@@ -8,11 +8,11 @@ from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Questio
 from counterlight.tools.study.questions.place import Place, blocks_of, made_coarser
 
 FACTORS = {1: "whole", 2: "half", 4: "a quarter"}
-SMALLEST = 8  # pixels a side
+SMALLEST = 8  # pixels per side
 
 
 def sizes(place: Place) -> Question:
-    """Each pair of sizes: its own T, solved for the picture as it sees it, shown in the room as it is."""
+    """Try each pair of sizes: its own T, solved for the picture at that size, shown in the room at full size."""
     pairs = list(product(FACTORS, FACTORS))
     tried = (_tried(place, *pair) for pair in track(pairs, "fewer pixels", len(pairs)))
     answers = [answer for answer in tried if answer is not None]

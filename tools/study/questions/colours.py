@@ -1,16 +1,16 @@
-"""What does each tier of colour give in this room?"""
+"""Question: what does each tier of colour give in this room?"""
 
 from counterlight.tools.choices import COLOURS
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, decibels
 from counterlight.tools.study.questions.place import Place
 
-TIERS = {"independent": 0, "global": 9, "pixel": 9}  # numbers of mixing, a room or a camera pixel
-TRUE_TIER = "pixel"  # what comes closest to the nine matrices
+TIERS = {"independent": 0, "global": 9, "pixel": 9}  # numbers in the mixing, per room or per camera pixel
+TRUE_TIER = "pixel"  # the closest tier to nine matrices
 
 
 def colours(place: Place) -> Question | None:
-    """Drives of every tier, shown in the one that knows most; None where no primaries were measured."""
+    """Show drives of every tier by the most accurate tier; None where no primaries were measured."""
     calibration, transport = place.calibration, place.transport
     if calibration.primaries is None:
         return None

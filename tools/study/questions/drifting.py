@@ -1,4 +1,4 @@
-"""What does it cost if the projector's picture moves after the calibration, and what to be ready for it?"""
+"""Question: what does it cost if the projector's picture moves after calibration, and what does readiness cost?"""
 
 import numpy as np
 from scipy import ndimage
@@ -15,7 +15,7 @@ AIMS = (0.0, DEFAULT_AIMS.drift, 0.5)  # --drift
 
 
 def drift(place: Place) -> Question:
-    """The best drives for each --drift, shown by a projector whose picture lies a little further right and down."""
+    """Show the best drives for each --drift by a projector whose picture has moved right and down."""
     answers = []
     for aim in track(AIMS, "drift", len(AIMS)):
         drives = place.drives(place.tier, ObjectiveOptions(drift=aim))
@@ -37,7 +37,7 @@ def _shown(place: Place, drives: list[FloatArray], shift: float, aim: float) -> 
 
 
 def _moved(drive: FloatArray, room: Calibration, shift: float) -> FloatArray:
-    """Each projector's picture by itself."""
+    """Shift the picture of each projector separately."""
     step = shift / np.sqrt(2)
     picture = drive.reshape(*room.projector.shape, 3)
     moved = np.zeros_like(picture)

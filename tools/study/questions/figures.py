@@ -1,4 +1,4 @@
-"""Steps, cuts and the size of entries, read off the figures of the study's methods in a room."""
+"""Steps, cuts and the size of entries, taken from the figures of the study's methods in a room."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ MAPPED = ("T⁺, cut", "T⁺", "T⁺ of the thesis", "direct")
 
 
 def steps(rows: Sequence[Row]) -> Question:
-    """Steps of refinement by where they start."""
+    """Compare steps of refinement, by their start."""
     answers = _answers(rows, STEPPED, lambda mean: mean.picture_ms)
     found = cheapest(answers, CLOSE_DB)
     verdict = "no number of steps that was tried gets within 0.1 dB of the best"
@@ -32,7 +32,7 @@ def steps(rows: Sequence[Row]) -> Question:
 
 
 def maps(rows: Sequence[Row]) -> Question:
-    """What a smaller T⁺ costs: cut into clusters, truncated, or of smaller entries, without any step."""
+    """Compare smaller T⁺ without steps: cut into clusters, truncated, or with smaller entries."""
     answers = _answers(rows, MAPPED, lambda mean: mean.map_mib)
     found = cheapest(answers, NEAR_DB)
     best = min(answers, key=lambda answer: answer.below, default=None)

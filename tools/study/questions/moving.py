@@ -1,4 +1,4 @@
-"""How many steps does a film need, whose frames go on from the one before, beside stills that begin anew?"""
+"""Question: how many steps does a film need, where frames continue from the frame before, compared with stills?"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,15 +14,15 @@ from counterlight.tools.study.pictures import film_frames
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, cheapest, decibels, sentence
 from counterlight.tools.study.questions.place import Place
 
-FRAMES = 6  # one after another; the first has none before it, and is not counted
+FRAMES = 6  # consecutive frames; the first has no frame before it, and is not counted
 STEPS = (1, 2, 4, 8, 16)
-CARRIED = {"T⁺": "previous", "direct mapping": "previous-direct"}  # where steps begin -> --refine-from
+CARRIED = {"T⁺": "previous", "direct mapping": "previous-direct"}  # start of refinement -> --refine-from
 ALONE = {"T⁺": "map", "direct mapping": "direct"}
 KINDS = {"film": CARRIED, "stills": ALONE}
 
 
 def film(place: Place) -> Question:
-    """Frames of the shipped clip by the player: drive and momentum carried from frame to frame, or each by itself."""
+    """Show frames of the shipped clip by the player: drive and momentum carried over, or each frame alone."""
     frames = film_frames(FRAMES)
     shown, judged = replace(place, pictures=frames), replace(place, pictures=frames[1:])
     maps = build_maps(place.tier, InverseOptions()).maps
@@ -44,7 +44,7 @@ def film(place: Place) -> Question:
 
 
 def _drives(place: Place, maps: RoomMaps, start: str, steps: int) -> list[FloatArray]:
-    """Of each picture in turn, (projector pixels, 3)."""
+    """Returns the drive of each picture in turn, (projector pixels, 3)."""
     with player("cpu", Room(place.calibration, maps, place.tier.white, start=start)) as renderer:
         return [renderer.show(desired, compensate=True, steps=steps) for desired in place.desired]
 

@@ -1,4 +1,4 @@
-"""The answers of a room on the study's page: the verdict, the plots, the tables."""
+"""The answers about a room on the study's page: verdict, plots, tables."""
 
 from collections.abc import Sequence
 from html import escape
@@ -15,7 +15,7 @@ CAPTION = (
 
 
 def verdict(asked: Asked) -> Section:
-    """What to know, a sentence a question."""
+    """Returns the verdict, one sentence per question."""
     lines = "".join(f"<li><b>{escape(each.title)}.</b> {escape(each.verdict)}</li>" for each in asked.questions)
     size = f"Film, acquisition and colours: {escape(asked.size)}. All else: the room at its own size."
     note = f"<p class='note'>{size} Computed, not shown.</p>"
@@ -45,6 +45,6 @@ def _table(question: Question) -> str:
 
 
 def headed(asked: Sequence[Asked], files: dict[str, str]) -> list[Section]:
-    """Verdicts first, then plots, then tables."""
+    """Returns verdicts first, then plots, then tables."""
     kinds = [[verdict(each) for each in asked], [plots(each, files[f"asked {each.room}"]) for each in asked]]
     return [section for kind in [*kinds, [tables(each) for each in asked]] for section in kind]

@@ -1,4 +1,4 @@
-"""The questions of a room as one plot, a panel a question."""
+"""The questions about a room as one plot, one panel per question."""
 
 from pathlib import Path
 

@@ -17,15 +17,15 @@ from counterlight.tools.transport.coarser import Blocks, below, coarser
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
-MOST_PIXELS = 160 * 120  # of the camera
-GAP = 1e-3  # of the box optimum: 0.004 dB
+MOST_PIXELS = 160 * 120  # camera pixels
+GAP = 1e-3  # relative gap of the box optimum: 0.004 dB
 
 
 @dataclass(frozen=True)
 class Place:
     """A calibrated room.
 
-    factor : pixels a side of the room as it is that one here stands for.
+    factor : pixels per side of the full-size room that one pixel here represents.
     """
 
     calibration: Calibration
@@ -40,18 +40,18 @@ class Place:
 
     @cached_property
     def desired(self) -> list[FloatArray]:
-        """(camera height, camera width, 3) each, in screen primaries."""
+        """The desired pictures, (camera height, camera width, 3) each, in screen primaries."""
         room = self.calibration
         return [self.tier.white * on_cameras(picture.at(room.placed_on), room) for picture in self.pictures]
 
     @cached_property
     def best(self) -> list[FloatArray]:
-        """The drive of each picture as the player seeks it, (projector pixels, 3)."""
+        """The drive of each picture that the player's objective prefers, (projector pixels, 3)."""
         return self.drives(self.tier)
 
     @cached_property
     def reached(self) -> list[float]:
-        """PSNR of each picture by the unweighted optimum."""
+        """PSNR of each picture with the unweighted optimum."""
         box = Box(self._objective.unweighted, tolerance=GAP)
         return self.psnr([box.solve(self.tier.asked(each).reshape(-1, 3)).drive for each in self.desired])
 
@@ -61,7 +61,7 @@ class Place:
 
     @property
     def size(self) -> str:
-        """In words."""
+        """The size in words."""
         camera, projector = self.calibration.camera, self.calibration.projector
         words = f"camera {camera.width}x{camera.height}, projector {projector.width}x{projector.height}"
         return words if self.factor == 1 else f"{words}, each of its pixels {self.factor} a side of the room's own"
@@ -69,26 +69,29 @@ class Place:
     def drives(
         self, tier: Tier, aims: ObjectiveOptions = DEFAULT_AIMS, desired: Sequence[FloatArray] | None = None
     ) -> list[FloatArray]:
-        """What the player seeks for each picture by a room in a tier of colour, this or what was made of it.
+        """Returns the best drive of each picture by the player's objective, in a tier of this or a derived room.
 
-        desired : the pictures, if its camera has other pixels.
+        desired : the pictures, if the derived camera has other pixels.
         """
         box = Box(objective_of(tier.transport, tier.calibration, aims, tier.mixing), tolerance=GAP)
         return [box.solve(tier.asked(each).reshape(-1, 3)).drive for each in desired or self.desired]
 
     def psnr(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> list[float]:
-        """Of each picture's drive here.  seen : what the camera sees of a drive, if not as calibrated."""
+        """Returns the PSNR of each picture's drive in this room.
+
+        seen : function from a drive to the camera picture, if not as calibrated.
+        """
         lit, look = self._objective.lit_picture(self.calibration), seen or self.tier.seen
         errors = [(look(p) - each)[lit] / self.tier.white for p, each in zip(drives, self.desired, strict=True)]
         return [psnr(float(np.mean(np.square(error)))) for error in errors]
 
     def below(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> float:
-        """Decibels below the best, mean of the pictures."""
+        """Returns the decibels below the best, mean over the pictures."""
         return float(np.mean(np.array(self.reached) - np.array(self.psnr(drives, seen))))
 
 
 def coarse(place: Place, most: int = MOST_PIXELS) -> Place:
-    """The room, of at most so many pixels of the camera: coarse enough to be asked in minutes what takes long."""
+    """Returns the room with at most `most` camera pixels, so that slow questions take minutes."""
     factor = int(np.ceil(np.sqrt(place.calibration.camera.pixels / most)))
     if factor == 1:
         return place
@@ -99,7 +102,10 @@ def coarse(place: Place, most: int = MOST_PIXELS) -> Place:
 def made_coarser(
     calibration: Calibration, transport: Transport, camera: int, projector: int
 ) -> tuple[Calibration, Transport]:
-    """The room by devices whose pixels are so many of its own a side."""
+    """Returns the room with coarser devices: each pixel replaces a square block of its own pixels.
+
+    camera, projector : side of a block, pixels.
+    """
     seen, shown = blocks_of(calibration, camera, projector)
     primaries, screen = calibration.primaries, calibration.screen
     small = replace(
@@ -119,6 +125,6 @@ def made_coarser(
 
 
 def blocks_of(calibration: Calibration, camera: int, projector: int) -> tuple[Blocks, Blocks]:
-    """Of the pixels of all cameras and of all projectors, so many a side."""
+    """Returns blocks of camera pixels and of projector pixels, `camera` and `projector` pixels per side."""
     projectors = tuple(each.shape for each in calibration.projectors)
     return Blocks(calibration.cameras, camera, below), Blocks(projectors, projector)

@@ -1,1 +1,1 @@
-"""Figures by formula for reliefs, one a module: heights(u, v) -> 0..1, 0 where there is nothing. May import numpy."""
+"""Formulas for reliefs, one per module: heights(u, v) -> 0..1, 0 for no relief. May import numpy."""

@@ -1,4 +1,4 @@
-"""A skull seen from the front, as heights over a rectangle 3 wide and 4 high: ellipsoids, and hollows cut into them."""
+"""A skull seen from the front, as heights over a rectangle 3 wide and 4 high: ellipsoids with hollows."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from counterlight.arrays import FloatArray
 
 
 def heights(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Height (…), 0 beside the skull to 1 at its brow, at u, v (…) in 0..1."""
-    x, y = 3 * (np.abs(u - 0.5)), 4 * (v - 0.5)  # units of a third of the width; both halves are alike
+    """Returns height (…) at u, v (…) in 0..1: 0 outside the skull, 1 at its brow."""
+    x, y = 3 * (np.abs(u - 0.5)), 4 * (v - 0.5)  # thirds of the width; the skull is symmetric
     bone = _joined(
         0.98 * _dome(x, y - 0.55, 1.20, 1.28),  # cranium
         0.86 * _dome(x - 0.62, y + 0.42, 0.48, 0.42),  # cheek bone
@@ -29,7 +29,7 @@ def heights(u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _teeth(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Grooves between the teeth, and between the rows of them."""
+    """Returns grooves between the teeth, and between the two rows of teeth."""
     level = y + 1.06 - 0.10 * x**2
     near = 1 / (1 + np.exp((np.abs(level) - 0.20) / 0.02)) / (1 + np.exp((x - 0.46) / 0.02))
     gaps = np.exp(-(((x / 0.125) % 1 - 0.5) ** 2) / 0.012)
@@ -37,7 +37,7 @@ def _teeth(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _dome(x: FloatArray, y: FloatArray, wide: float, high: float) -> FloatArray:
-    """The upper half of an ellipsoid of height 1, 0 around it."""
+    """Returns the upper half of an ellipsoid of height 1; 0 outside."""
     return np.sqrt(np.maximum(1 - (x / wide) ** 2 - (y / high) ** 2, 0))
 
 
@@ -46,16 +46,16 @@ def _bump(x: FloatArray, y: FloatArray, wide: float, high: float) -> FloatArray:
 
 
 def _bowl(x: FloatArray, y: FloatArray, wide: float, high: float) -> FloatArray:
-    """A round hollow of depth 1."""
+    """Returns a round hollow of depth 1."""
     return np.asarray(np.exp(-(np.hypot(x / wide, y / high) ** 3)))
 
 
 def _pit(x: FloatArray, y: FloatArray, wide: float | FloatArray, high: float, slope: float) -> FloatArray:
-    """A hollow of depth 1; its wall is `slope` of its size wide."""
+    """Returns a hollow of depth 1; `slope` is the width of its wall as a share of its size."""
     return np.asarray(1 / (1 + np.exp(np.minimum((np.hypot(x / wide, y / high) - 1) / slope, 60))))
 
 
 def _joined(*parts: FloatArray) -> FloatArray:
-    """The highest of some heights, rounded where they meet; exactly 0 where all are."""
+    """Returns the maximum of some heights, rounded where they meet; exactly 0 where all are 0."""
     total = np.asarray(sum(part**8 for part in parts))
     return np.asarray(total ** (1 / 8))

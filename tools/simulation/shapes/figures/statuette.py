@@ -1,6 +1,6 @@
-"""The bust of a youth with curly hair, on a foot: a union of ellipsoids, its face modelled by small bumps and hollows.
+"""The bust of a youth with curly hair, on a foot: a union of ellipsoids; small bumps and hollows model the face.
 
-Drawn in a frame 1 wide and 1.4 high, x from −0.5 to 0.5, y from 0 to 1.4.
+The rectangle is 1 wide and 1.4 high, x from −0.5 to 0.5, y from 0 to 1.4.
 """
 
 import numpy as np
@@ -20,13 +20,13 @@ HAIR = (
     (0.17, 0.97, 0.075, 0.13, 0.12, 0.12),
     (-0.17, 0.97, 0.075, 0.13, 0.12, 0.12),
 )
-SOFTNESS = 12  # of the seams between ellipsoids, more is harder
-CURL = 0.062  # distance from curl to curl
-FACE_RISE = 0.96 - 1.00  # the bumps below are drawn for a head 0.04 higher
-# x, y; spreads across and up; height, negative for hollows. All but the first lie on both sides.
+SOFTNESS = 12  # exponent of the seams between ellipsoids; larger is harder
+CURL = 0.062  # distance between curls
+FACE_RISE = 0.96 - 1.00  # the bumps below suit a head 0.04 higher
+# x, y; spreads across and up; height, negative for hollows. MIDDLE lies on the axis, SIDES on both sides of it.
 MIDDLE = (
     (0.0, 0.975, 0.022, 0.055, 0.040),  # ridge of the nose
-    (0.0, 0.925, 0.032, 0.020, 0.045),  # its tip
+    (0.0, 0.925, 0.032, 0.020, 0.045),  # tip of the nose
     (0.0, 0.862, 0.050, 0.011, 0.020),  # upper lip
     (0.0, 0.838, 0.040, 0.011, 0.020),  # lower lip
     (0.0, 0.850, 0.055, 0.004, -0.018),  # mouth
@@ -48,9 +48,9 @@ FOOT = (0.13, 0.10)  # half width, height
 
 
 def heights(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Height over the base at u, v in 0..1, 0 around the figure and 1 at most."""
+    """Returns height over the base at u, v in 0..1: 0 around the figure, at most 1."""
     x, y = u - 0.5, 1.4 * v
-    bust_end = np.hypot(x / 0.40, (y - 0.52) / 0.42) < 1  # it ends in a curve
+    bust_end = np.hypot(x / 0.40, (y - 0.52) / 0.42) < 1  # the bust ends in a curve
     body = np.where(bust_end | (y > 0.5), _union(x, y, BODY), 0)
     figure = _softly(body, _softly(_union(x, y, FACE), _hair(x, y)))
     face_y = y - FACE_RISE
@@ -61,7 +61,7 @@ def heights(u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _hair(x: FloatArray, y: FloatArray) -> FloatArray:
-    """A cap of curls, low at the hairline so that it grows out of the forehead."""
+    """Returns a cap of curls that rises gradually from the hairline."""
     row = np.round(y / (0.87 * CURL))
     column = np.round(x / CURL - 0.5 * (row % 2)) + 0.5 * (row % 2)
     ring = np.hypot(x - column * CURL, y - row * 0.87 * CURL) / CURL
@@ -74,7 +74,7 @@ def _hair(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _union(x: FloatArray, y: FloatArray, ellipsoids: tuple[tuple[float, ...], ...]) -> FloatArray:
-    """The front of ellipsoids, 0 where there is none."""
+    """Returns the front of ellipsoids; 0 outside them."""
     front = np.zeros_like(x)
     for centre_x, centre_y, across, up, deep, depth in ellipsoids:
         inside = 1 - ((x - centre_x) / across) ** 2 - ((y - centre_y) / up) ** 2
@@ -83,7 +83,7 @@ def _union(x: FloatArray, y: FloatArray, ellipsoids: tuple[tuple[float, ...], ..
 
 
 def _softly(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The larger of two heights, with a soft seam."""
+    """Returns the larger of two heights, with a soft seam."""
     return np.asarray((np.maximum(a, 0) ** SOFTNESS + np.maximum(b, 0) ** SOFTNESS) ** (1 / SOFTNESS))
 
 

@@ -1,0 +1,96 @@
+"""The passes of one frame in the order in which they run, as docs/architecture.md lists them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.row_map import RowMap
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline.cpu_renderer import CpuDevice
+from counterlight.pipeline.device import StoredMaps
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import Room
+from counterlight.response import RasterResponse
+
+UNDO = "undo_gather", "undo_mix", "far_scatter"
+
+
+class Recorded:
+    """An object whose `run` is noted before it runs."""
+
+    def __init__(self, of: Any, name: str, noted: list[str]) -> None:
+        self._of, self._name, self._noted = of, name, noted
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._of, name)
+
+    def run(self, *pictures: Any, **named: Any) -> Any:
+        self._noted.append(self._name)
+        return self._of.run(*pictures, **named)
+
+
+class RecordedMaps:
+    """The maps of a room, whose products are noted by the map's name."""
+
+    def __init__(self, of: StoredMaps, noted: list[str]) -> None:
+        self._of, self._noted = of, noted
+        maps = of.room.maps
+        self._names = {id(packed): name for name, packed in maps.named().items()}
+        if maps.undo is not None:  # whose scatter is the far light's, or equal to it
+            self._names |= {id(part): name for part, name in zip(maps.undo.parts, UNDO, strict=True)}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._of, name)
+
+    def of(self, packed: RowMap) -> Any:
+        stored, name = self._of.of(packed), self._names[id(packed)]
+        noted = self._noted
+
+        class Map:
+            output_shape, source_shape = stored.output_shape, stored.source_shape
+            release = staticmethod(stored.release)
+
+            @staticmethod
+            def product(combine: str = "") -> Recorded:
+                return Recorded(stored.product(combine), f"map {name.replace('.', 'correction')}", noted)
+
+        return Map()
+
+
+class TracingDevice(CpuDevice):
+    """The processor's device; `noted` lists what has run."""
+
+    def __init__(self) -> None:
+        self.noted: list[str] = []
+
+    def make_pass(
+        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
+    ) -> Any:
+        return Recorded(super().make_pass(shader, shape, defines, **uniforms), shader, self.noted)
+
+    def store(self, room: Room, path: str) -> Any:
+        return RecordedMaps(super().store(room, path), self.noted)
+
+    def planes(self, pixels: PixelFormat) -> Any:
+        return Recorded(super().planes(pixels), "planes", self.noted)
+
+    def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Any:
+        return Recorded(super().encoder(shape, response, scale, dither), "encode", self.noted)
+
+    def stepper(self, shape: tuple[int, int], prior: Mapping[str, NDArray[np.float32]]) -> Any:
+        return Recorded(super().stepper(shape, prior), "step", self.noted)
+
+
+def trace(room: Room, frame: Any, steps: int) -> list[str]:
+    """What the second of two equal frames runs: the first one makes what later ones have at hand."""
+    device = TracingDevice()
+    renderer = Renderer(device, room, "cpu")
+    renderer.open(frame.format)
+    for _ in range(2):
+        renderer.upload(frame)
+        device.noted.clear()
+        renderer.render("projector", compensate=True, steps=steps)
+    renderer.release()
+    return device.noted
