@@ -83,7 +83,7 @@ PROSE = (
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
-            "It cuts more blocks, up to {} times as many pictures",
+            "It needs up to {} times as many pictures",
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         ("On `wall`, {} exposures compare with 109 +", lambda t: pictures(t, CODED, "wall")),
@@ -131,7 +131,7 @@ PROSE = (
         ("nine pictures, which end {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
         ("no more than 48 and end {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
-            "Nine pictures end {} dB below `hierarchical`, sixteen {}, 48 end {}, and 128 end {} below.",
+            "Below `hierarchical`, nine pictures lose {} dB, sixteen {} dB, 48 lose {} dB, and 128 lose {} dB.",
             lambda t: short(t, "defocus", 9, 16, 48, 128),
         ),
     ),

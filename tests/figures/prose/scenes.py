@@ -103,7 +103,7 @@ PROSE = (
     said(
         "docs/content.md",
         ADAPTED,
-        ("what is shown up to {} dB truer", lambda t: (max(off(t, "1 %", ASKED)),)),
+        ("The result is up to {} dB truer to the target", lambda t: (max(off(t, "1 %", ASKED)),)),
         (
             "Compared with the original picture, adaptation loses {} to {} dB",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
@@ -196,8 +196,8 @@ PROSE = (
         "docs/size.md",
         BLURRED,
         judged_away,
-        ("the film's windows at {}, {}, {} dB for T.", lambda t: t("^T:", "film")),
-        ("It judges them at {}, {}, {} for blocks of limit 0.0014", lambda t: t("^0.0014:", "film")),
+        ("the film's windows lose {}, {}, {} dB with T.", lambda t: t("^T:", "film")),
+        ("They lose {}, {}, {} with blocks of limit 0.0014", lambda t: t("^0.0014:", "film")),
         ("So blocks cost films {} to {} dB", more),
         ("A stricter limit (0.0010: {}, {}, {})", lambda t: t("^0.0010:", "film")),
     ),
