@@ -19,7 +19,9 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
-from counterlight.show.asked import (
+from counterlight.show.beside import checks_of, in_step_of, lamps_of
+from counterlight.show.control import ControlServer, Remote
+from counterlight.show.from_options import (
     adjustments_of,
     check_of,
     coding_of,
@@ -28,8 +30,6 @@ from counterlight.show.asked import (
     monitors_of,
     room_of,
 )
-from counterlight.show.beside import checks_of, in_step_of, lamps_of
-from counterlight.show.control import ControlServer, Remote
 from counterlight.show.headless import compile_passes
 from counterlight.show.into_file import render
 from counterlight.show.media import Media

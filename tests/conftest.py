@@ -18,7 +18,7 @@ import scipy.linalg  # noqa: F401 (its BLAS, beside numpy's, is there to be limi
 from threadpoolctl import threadpool_limits
 
 from counterlight.gl.context import headless_context
-from counterlight.media.decoding.child import all_buried
+from counterlight.media.decoding.child import all_ended
 from counterlight.media.decoding.ffmpeg_log import log_natively
 from tests import screens
 from tests.gl_objects import live_objects
@@ -141,7 +141,7 @@ def shared_data() -> Path:
 def nothing_is_left() -> Iterator[None]:
     """No memory of decoded frames and no decoder process of this process survives a test."""
     yield
-    all_buried()
+    all_ended()
     assert rings() == []
     assert descendants(os.getpid()) == set()
 

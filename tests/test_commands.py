@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.pipeline.kinds import Choice, Flag, Number
+from counterlight.pipeline.value_types import Choice, Flag, Number
 from counterlight.show.keys import KEYS, MEANINGS, PLACING, Keys, check_bindings
 from counterlight.show.registry import Command, CommandError, Commands, Property
 

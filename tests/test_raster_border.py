@@ -16,7 +16,7 @@ from counterlight.pipeline.room import read_room
 from counterlight.raster import Region
 from counterlight.response import Response
 from counterlight.tools import build_correction_map
-from counterlight.tools.acquisition.looked import Known, Looked
+from counterlight.tools.acquisition.floodlight_check import Known, Looked
 from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.mask import directly_lit

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from counterlight.show.asked import check_of
+from counterlight.show.from_options import check_of
 from counterlight.show.options import read_options
 from counterlight.show.registry import CommandError
 from counterlight.unattended.room_checks import LONGEST_S, Outcome, RoomChecks

@@ -7,7 +7,7 @@ import pytest
 from counterlight.errors import InputError
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
-from counterlight.show.asked import adjustments_of, image_display_duration, monitors_of
+from counterlight.show.from_options import adjustments_of, image_display_duration, monitors_of
 from counterlight.show.options import read_options
 from counterlight.show.playlist import Playlist, expand
 from counterlight.show.settings import default_path

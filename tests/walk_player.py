@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.app import play_in_window
-from counterlight.show.asked import adjustments_of, room_of
+from counterlight.show.from_options import adjustments_of, room_of
 from counterlight.show.options import read_options
 from counterlight.show.registry import CommandError, Commands
 

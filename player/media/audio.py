@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.media.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
-from counterlight.media.decoding.child import Letters, bury, start_child
+from counterlight.media.decoding.child import Letters, end_child, start_child
 from counterlight.media.medium import Medium
 
 AHEAD = RATE  # samples that are kept ready: one second
@@ -149,7 +149,7 @@ class Track:
             self._closed, self._plan, self._heard = True, None, None
             self._lock.notify()
         self.kill()
-        bury(self._child, self._listener.join)
+        end_child(self._child, self._listener.join)
 
     def _take(self, count: int) -> Samples:
         """Remove and return up to `count` ready samples."""

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from counterlight.errors import InputError
-from counterlight.media.decoding.child import all_buried
+from counterlight.media.decoding.child import all_ended
 from counterlight.media.decoding.decoder_link import DecoderLink
 from counterlight.media.decoding.devices import PROCESSOR
 from counterlight.media.decoding.live import STEADY_S
@@ -154,7 +154,7 @@ class MediaReader:
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
         self.close()
-        all_buried()
+        all_ended()
 
     def poll(self) -> Frame | None:
         """Return the next frame if it is ready, otherwise None. Never waits. Returns None after the end (`ended`).

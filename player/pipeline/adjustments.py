@@ -20,9 +20,9 @@ from counterlight.errors import InputError
 from counterlight.files.cube import Cube
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.colour import LUMA_WEIGHTS, Decoding
-from counterlight.pipeline.kinds import UnreadError
 from counterlight.pipeline.parameters import CONTROL, PARAMETERS
 from counterlight.pipeline.placement import Corners, check_corners
+from counterlight.pipeline.value_types import UnreadError
 from counterlight.viewpoints import Viewpoint
 
 LARGEST_GAMMA = 8.0

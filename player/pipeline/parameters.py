@@ -6,9 +6,9 @@ Each row is an option of counterlight play, a setting, a property of the control
 from dataclasses import dataclass
 from typing import Any
 
-from counterlight.pipeline.kinds import Choice, Flag, Kind, Number, Places
 from counterlight.pipeline.refinement import MOST_STEPS
 from counterlight.pipeline.test_cards import CARDS
+from counterlight.pipeline.value_types import Choice, Flag, Kind, Number, Places
 from counterlight.pipeline.views import VIEWS
 from counterlight.viewpoints import FARTHEST, MOST_VIEWS
 

@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.company import Company
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
 from counterlight.pipeline.device import Device, Light, Owner, Pass, Planes
 from counterlight.pipeline.drift import Drift
-from counterlight.pipeline.eye import Asked, Eye
-from counterlight.pipeline.laps import Laps
 from counterlight.pipeline.placed import Crossfade, Placed, Two
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Goal, Refiner
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.room_view import RoomView, Target
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.small_pictures import SmallPicture
+from counterlight.pipeline.stage_times import StageTimes
 from counterlight.pipeline.starts import Iterate, standing
+from counterlight.pipeline.view_blend import ViewBlend
 from counterlight.pipeline.views import VIEWS
 from counterlight.response import Response
 from counterlight.viewpoints import Viewpoint
@@ -53,7 +53,7 @@ class Renderer:
         self._leaving: _Leaving | None = None
         self._view = ""  # the view rendered last; empty since a medium was opened
         self._damper: Damper | None = None
-        self._laps = Laps(device.finish)
+        self._times = StageTimes(device.finish)
         try:
             self._build(path)
         except BaseException:
@@ -64,10 +64,10 @@ class Renderer:
         device, room, own = self._device, self._room, self._owner.own
         calibration = room.calibration
         camera, projector = calibration.camera.shape, calibration.projector.shape
-        self._eyes = [own(Eye(device, each, path)) for each in room.eyes]
-        self.path = self._eyes[0].stored.report
-        self._company = own(Company(device, self._eyes, projector))
-        self._company.start_from(room.start)
+        self._room_views = [own(RoomView(device, each, path)) for each in room.views]
+        self.path = self._room_views[0].stored.report
+        self._blend = own(ViewBlend(device, self._room_views, projector))
+        self._blend.start_from(room.start)
         self._stand(NEUTRAL.viewpoint)
         self._moved = None if room.drift is None or not room.drift.moves else own(_Moved(device, room, room.drift))
         self._projector_view = own(device.encoder(projector, calibration.response, 1.0, room.dither))
@@ -92,7 +92,7 @@ class Renderer:
 
         bare : drive of a render without steps: "map" for T⁺ b, or "direct" for direct mapping.
         """
-        self._company.start_from(start, bare)
+        self._blend.start_from(start, bare)
 
     def prepare(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
         """Build what `open` will need, while the previous medium still plays; raises InputError as `open` does."""
@@ -101,7 +101,7 @@ class Renderer:
             return
         check_radiance(pixels, self._room)
         self._owner.give_up(self._prepared)
-        self._prepared = self._owner.own(_Medium(self._device, self._eyes, pixels))
+        self._prepared = self._owner.own(_Medium(self._device, self._room_views, pixels))
 
     def open(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
         """Accept frames of this format from now on; raises InputError if they do not suit the room.
@@ -120,8 +120,8 @@ class Renderer:
         assert self._medium is not None
         self._medium.planes.adjust(self._adjustments)
         shown: Sequence[Placed | Crossfade] = self._medium.placed if self._leaving is None else self._leaving.crossfades
-        for eye, placed in zip(self._eyes, shown, strict=True):
-            eye.request.open(placed, self._adjustments)
+        for room_view, placed in zip(self._room_views, shown, strict=True):
+            room_view.request.open(placed, self._adjustments)
         self._cuts = SceneCuts()
         self._view = ""
 
@@ -130,8 +130,8 @@ class Renderer:
 
         weight : share of the previous medium in a crossfade.
         """
-        for eye in self._eyes:
-            eye.request.fade(level)
+        for room_view in self._room_views:
+            room_view.request.fade(level)
         if self._leaving is not None:
             for crossfade in self._leaving.crossfades:
                 crossfade.set(weight)
@@ -141,8 +141,8 @@ class Renderer:
         leaving, self._leaving = self._leaving, None
         if leaving is None or self._medium is None:
             return
-        for eye, placed in zip(self._eyes, self._medium.placed, strict=True):
-            eye.request.take(placed)
+        for room_view, placed in zip(self._room_views, self._medium.placed, strict=True):
+            room_view.request.take(placed)
         self._owner.give_up(leaving)
         self._owner.give_up(leaving.medium)
 
@@ -159,8 +159,8 @@ class Renderer:
             self._medium.planes.adjust(adjustments)
             if self._leaving is not None:
                 self._leaving.medium.planes.adjust(adjustments)
-            for eye in self._eyes:
-                eye.request.adjust(adjustments)
+            for room_view in self._room_views:
+                room_view.request.adjust(adjustments)
         if adjustments.flicker and self._damper is None:
             self._damper = self._owner.own(Damper(self._device, self._room.calibration.projector.shape))
         if self._damper is not None and not previous.flicker:
@@ -175,9 +175,9 @@ class Renderer:
         """Take a frame's planes; the caller may release the frame afterwards."""
         self._planes.upload(frame.planes)
         cut = self._cuts.starts_with(frame) and self._leaving is None
-        for eye in self._eyes:
-            eye.request.advance(cut=cut, duration_s=frame.duration_s)
-        self._company.advance(cut=cut)
+        for room_view in self._room_views:
+            room_view.request.advance(cut=cut, duration_s=frame.duration_s)
+        self._blend.advance(cut=cut)
         if self._damper is not None:
             self._damper.advance(cut=cut)
 
@@ -188,14 +188,17 @@ class Renderer:
         return self._medium.planes
 
     def _stand(self, viewpoint: Viewpoint) -> None:
-        """Choose the views with a share in the drive. `_eye`, the view with the largest share, is shown.
+        """Choose the views with a share in the drive. `_main_view`, the view with the largest share, is shown.
 
         Raises InputError for a place in a room with one view.
         """
-        shares = [(float(share), eye) for share, eye in zip(self._room.shares(viewpoint), self._eyes, strict=True)]
-        self._shares = [(share, eye) for share, eye in shares if share > 0]
-        self._eye = max(self._shares, key=lambda each: each[0])[1]
-        self._company.stand(self._shares)
+        shares = [
+            (float(share), room_view)
+            for share, room_view in zip(self._room.shares(viewpoint), self._room_views, strict=True)
+        ]
+        self._shares = [(share, room_view) for share, room_view in shares if share > 0]
+        self._main_view = max(self._shares, key=lambda each: each[0])[1]
+        self._blend.stand(self._shares)
 
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0, timed: bool = False) -> None:
         """Compute a view of the uploaded frame, one of VIEWS.
@@ -207,21 +210,21 @@ class Renderer:
         """
         if view not in VIEWS or steps < 0:
             raise ValueError(f"view {view!r}, {steps} steps: expected one of {', '.join(VIEWS)}, and no steps below 0")
-        self._laps.begin(timed=timed)
+        self._times.begin(timed=timed)
         self._decoded = self._run_planes()
-        self._laps.end("linear")
+        self._times.end("linear")
         self._compensated: _Compensated | None = None
         self._sent: Light | None = None
         self._linear = self._shown(view, compensate=compensate and self._adjustments.card is None, steps=steps)
-        self._laps.end("view")
+        self._times.end("view")
         encoder = self._projector_view if view == "projector" else self._camera_view
         self._encoded, self._view = encoder.run(self._linear, frame), view
-        self._laps.end("encode")
+        self._times.end("encode")
 
     @property
     def stage_s(self) -> Mapping[str, float]:
-        """Seconds per stage (laps.STAGES) of the frame that was timed last."""
-        return self._laps.seconds
+        """Seconds per stage (stage_times.STAGES) of the frame that was timed last."""
+        return self._times.seconds
 
     def encoded(self) -> NDArray[np.uint8]:
         """Return the view as 8-bit code values: by projector response, or sRGB with white = 1 for the camera."""
@@ -233,7 +236,7 @@ class Renderer:
 
     def desired(self) -> NDArray[np.float32]:
         """Return the adapted and placed target: (camera height, camera width, 3), in screen primaries."""
-        return self._eye.request.desired(self._run_planes())
+        return self._main_view.request.desired(self._run_planes())
 
     def _run_planes(self) -> Light | Two:
         """Return the decoded picture, or two pictures during a crossfade."""
@@ -259,7 +262,7 @@ class Renderer:
             return self.small()
         if not self._view or self._sent is None:
             return None
-        return self._device.read(self._small_camera.run(self._eye.observers[0].run(self._sent)), np.uint8)
+        return self._device.read(self._small_camera.run(self._main_view.observers[0].run(self._sent)), np.uint8)
 
     def finish(self) -> None:
         """Wait until the device has computed everything."""
@@ -273,15 +276,15 @@ class Renderer:
         """
         if self._compensated is None or (refiner := self._compensated.refiner) is None:
             return None
-        last, asked, _ = self._compensated
-        return refiner.certify(last.p, self._goal(asked[0].b))
+        last, targets, _ = self._compensated
+        return refiner.certify(last.p, self._goal(targets[0].b))
 
     def snapshot(self) -> Snapshot | None:
         """Return the certificate with the pictures for an estimate (survey.py), which are read back from the device."""
         if self._compensated is None or (refiner := self._compensated.refiner) is None:
             return None
-        last, asked, steps = self._compensated
-        return refiner.snapshot(last, self._goal(asked[0].b), steps)
+        last, targets, steps = self._compensated
+        return refiner.snapshot(last, self._goal(targets[0].b), steps)
 
     def release(self) -> None:
         """Release everything that the renderer holds."""
@@ -289,63 +292,67 @@ class Renderer:
 
     def _shown(self, view: str, *, compensate: bool, steps: int) -> Light:
         if view == "impossible":
-            return self._eye.views.impossible()
+            return self._main_view.views.impossible()
         if view == "projector":
             return self._shown_to_projector(compensate=compensate, steps=steps)
         if self._adjustments.card is not None:
             return self._seen(self._plain())
-        asked = self._asked()
+        targets = self._targets()
         if view == "split":
-            drives = self._plain(), self._drive(asked, steps)
+            drives = self._plain(), self._drive(targets, steps)
             self._sent = drives[1]
-            plain, corrected = (observe.run(drive) for observe, drive in zip(self._eye.observers, drives, strict=True))
+            plain, corrected = (
+                observe.run(drive) for observe, drive in zip(self._main_view.observers, drives, strict=True)
+            )
             seen = self._split.run(left=plain, right=corrected)
         else:
-            seen = self._seen(self._drive(asked, steps) if compensate else self._plain())
+            seen = self._seen(self._drive(targets, steps) if compensate else self._plain())
         if view == "error":
-            seen = self._eye.views.error(seen, self._unbounded())
+            seen = self._main_view.views.error(seen, self._unbounded())
         if self._adjustments.clipping:
-            seen = self._eye.views.over_camera(seen, self._eye.near_light(self._unbounded()))
+            seen = self._main_view.views.over_camera(seen, self._main_view.near_light(self._unbounded()))
         return seen
 
     def _seen(self, drive: Light) -> Light:
         self._sent = drive
-        return self._eye.observers[0].run(drive)
+        return self._main_view.observers[0].run(drive)
 
     def _shown_to_projector(self, *, compensate: bool, steps: int) -> Light:
         if not compensate:
             self._sent = self._plain()
             return self._sent
-        drive = self._sent = self._drive(self._asked(), steps)
+        drive = self._sent = self._drive(self._targets(), steps)
         if self._adjustments.clipping:
-            wanted = self._eye.guess("map", clamp=False)(self._unbounded())
-            drive = self._eye.views.over_projector(drive, wanted)
+            wanted = self._main_view.guess("map", clamp=False)(self._unbounded())
+            drive = self._main_view.views.over_projector(drive, wanted)
         return drive if self._moved is None else self._moved.run(drive)
 
     def _goal(self, b: Light) -> Goal:
         return Goal(b, self._unbounded(), self._plain())
 
     def _plain(self) -> Light:
-        return self._eye.request.plain(self._decoded)
+        return self._main_view.request.plain(self._decoded)
 
     def _unbounded(self) -> Light:
-        return self._eye.request.unbounded(self._decoded)
+        return self._main_view.request.unbounded(self._decoded)
 
-    def _asked(self) -> list[Asked]:
-        asked = [Asked(share, eye, eye.request.light(self._decoded)) for share, eye in self._shares]
-        self._laps.end("place")
-        return asked
+    def _targets(self) -> list[Target]:
+        targets = [
+            Target(share, room_view, room_view.request.light(self._decoded)) for share, room_view in self._shares
+        ]
+        self._times.end("place")
+        return targets
 
-    def _drive(self, asked: list[Asked], steps: int) -> Light:
-        refined = self._company.refines and steps > 0
-        last = self._company.begin(asked) if refined else self._company.guess(asked)
-        self._laps.end("start")
+    def _drive(self, targets: list[Target], steps: int) -> Light:
+        refined = self._blend.refines and steps > 0
+        last = self._blend.begin(targets) if refined else self._blend.guess(targets)
+        self._times.end("start")
         if refined:
-            last = self._company.refine(last, asked, steps)
-            self._laps.end("steps")
+            last = self._blend.refine(last, targets, steps)
+            self._times.end("steps")
         if self._damper is not None and self._adjustments.flicker:
             last = standing(self._damper.run(last.p, self._adjustments.flicker))
-        self._compensated = _Compensated(last, asked, steps)
+        self._compensated = _Compensated(last, targets, steps)
         return last.p
 
 
@@ -353,23 +360,23 @@ class _Compensated(NamedTuple):
     """The drive of the rendered view, its targets, and its steps of refinement."""
 
     last: Iterate
-    asked: list[Asked]
+    targets: list[Target]
     steps: int
 
     @property
     def refiner(self) -> Refiner | None:
         """None between views."""
-        return self.asked[0].eye.refiner if len(self.asked) == 1 else None
+        return self.targets[0].view.refiner if len(self.targets) == 1 else None
 
 
 class _Medium:
     """The passes of a format: planes -> linear picture, and its placement in each view."""
 
-    def __init__(self, device: Device, eyes: Sequence[Eye], pixels: PixelFormat) -> None:
+    def __init__(self, device: Device, room_views: Sequence[RoomView], pixels: PixelFormat) -> None:
         self.pixels, self._owner = pixels, Owner()
         try:
             self.planes = self._owner.own(device.planes(pixels))
-            self.placed = [self._owner.own(eye.request.make(pixels)) for eye in eyes]
+            self.placed = [self._owner.own(room_view.request.make(pixels)) for room_view in room_views]
         except BaseException:
             self.release()
             raise

@@ -54,7 +54,7 @@ class Room:
                 raise InputError(f"{name} {value!r}: expected one of {', '.join(known)}{nearest(str(value), known)}")
 
     @property
-    def eyes(self) -> tuple["Room", ...]:
+    def views(self) -> tuple["Room", ...]:
         """The room as seen from each of its views."""
         return (self, *self.others)
 
@@ -76,7 +76,7 @@ class Room:
 
     def seen_from(self, viewpoint: Viewpoint) -> "Room":
         """Return the view with the largest share, which is shown."""
-        return self.eyes[int(self.shares(viewpoint).argmax())]
+        return self.views[int(self.shares(viewpoint).argmax())]
 
     def outside(self, viewpoint: Viewpoint) -> str | None:
         """Return a line about viewers beyond all views; None if there are none."""
@@ -97,7 +97,7 @@ class Room:
     def default_steps(self) -> int:
         """The default steps of refinement per frame; for several views, the largest number of all."""
         if self.others:
-            return max(replace(each, others=(), start=self.start).default_steps for each in self.eyes)
+            return max(replace(each, others=(), start=self.start).default_steps for each in self.views)
         if self.maps.refinement is None:
             return 0
         advice = _advice(self.maps)

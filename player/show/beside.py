@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from counterlight.errors import InputError
-from counterlight.show.asked import check_of
+from counterlight.show.from_options import check_of
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.schedule_file import read_schedule
 from counterlight.show.session import Session

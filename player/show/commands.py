@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.command import tell
-from counterlight.pipeline.kinds import Choice, Number, UnreadError
 from counterlight.pipeline.parameters import FLAG
+from counterlight.pipeline.value_types import Choice, Number, UnreadError
 from counterlight.show.look import read_again
 from counterlight.show.output import write_picture
 from counterlight.show.placing import Placing

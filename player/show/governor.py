@@ -118,7 +118,7 @@ class Governor:
 
         seconds : time of the whole frame.
         steps : number of steps in the frame.
-        stage_s : seconds per stage (pipeline/laps.py), empty if the stages were not timed.
+        stage_s : seconds per stage (pipeline/stage_times.py), empty if the stages were not timed.
         """
         cold, self._cold = self._cold, False
         if cold and self._time is not None and not self._time.fits(seconds):

@@ -18,6 +18,7 @@ from counterlight.pipeline.device import PATHS
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
+from counterlight.show.drawing import draw
 from counterlight.show.governor import Governor
 from counterlight.show.output import USUAL, Coding, open_output, write_picture
 from counterlight.show.rendering import WHOLE, Stretch
@@ -189,13 +190,13 @@ def render_to_file(
 class _Drawing:
     """Draws frames with the governor's steps. Redraws a picture that misses the promise, and a still with a budget.
 
-    told : arguments of Renderer.render.
+    shown : the view, and whether it is compensated.
     """
 
     def __init__(
-        self, renderer: Renderer, room: Room, governor: Governor, told: Mapping[str, Any], *, still: bool
+        self, renderer: Renderer, room: Room, governor: Governor, shown: Mapping[str, Any], *, still: bool
     ) -> None:
-        self._renderer, self._room, self._governor, self._told, self._still = renderer, room, governor, told, still
+        self._renderer, self._room, self._governor, self._shown, self._still = renderer, room, governor, shown, still
         self._steps = 0
         self._found: Shortfall | None = None
         self._worst_db = float("-inf")
@@ -204,7 +205,7 @@ class _Drawing:
     def draw(self, index: int, stats: Stats) -> None:
         governor = self._governor
         for _ in range(MOST_REDRAWS):
-            self._draw_once(index, stats)
+            self._steps = draw(self._renderer, governor, stats, **self._shown, frame=index)
             if governor.within != "no":
                 self._appraise()
             missed = governor.within != "no" and self._found is not None and self._found.decibels > governor.within
@@ -224,17 +225,6 @@ class _Drawing:
             return {"steps": self._steps}
         worst_db = max(self._worst_db, self._found.decibels)
         return {"steps": self._steps, **self._found.to_dict(), "worst_below_optimum_db": round(worst_db, 5)}
-
-    def _draw_once(self, index: int, stats: Stats) -> None:
-        renderer, governor, self._steps = self._renderer, self._governor, self._governor.steps
-        start = time.perf_counter()
-        renderer.start_from(governor.start, governor.bare)
-        renderer.render(**self._told, frame=index, steps=self._steps, timed=True)
-        renderer.finish()
-        seconds = time.perf_counter() - start
-        stats.add("gpu", seconds)
-        stats.add_stages(renderer.stage_s, self._steps)
-        governor.took(seconds, self._steps, renderer.stage_s)
 
     def _appraise(self) -> None:
         snapshot = self._renderer.snapshot()

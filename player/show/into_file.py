@@ -16,7 +16,7 @@ from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.room import Room
-from counterlight.show.asked import coding_of, governor_of, ignored, one_medium
+from counterlight.show.from_options import coding_of, governor_of, ignored, one_medium
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
 from counterlight.show.output import is_film, is_video
 from counterlight.show.rendering import Rendering, Stretch

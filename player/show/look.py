@@ -6,7 +6,7 @@ from functools import partial
 
 from counterlight.errors import InputError
 from counterlight.files.cube import Cube, read_cube
-from counterlight.pipeline.kinds import Anything
+from counterlight.pipeline.value_types import Anything
 from counterlight.show.lookup import LookUp
 from counterlight.show.registry import CommandError, Property
 from counterlight.show.session import Session

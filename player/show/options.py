@@ -14,11 +14,11 @@ from counterlight.errors import InputError
 from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.device import PATHS
-from counterlight.pipeline.kinds import Choice, Flag, Kind, Number, UnreadError
 from counterlight.pipeline.parameters import PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
+from counterlight.pipeline.value_types import Choice, Flag, Kind, Number, UnreadError
 from counterlight.remote.addresses import LOOPBACK, Address, parse_address
 from counterlight.show.headless import BACKENDS
 from counterlight.show.in_step import begins_at

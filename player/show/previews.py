@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.pipeline.kinds import Choice
+from counterlight.pipeline.value_types import Choice
 from counterlight.show.session import Session
 
 PREVIEWS = Choice(("screen", "camera"))

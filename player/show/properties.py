@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from counterlight.pipeline.kinds import Anything, Number
 from counterlight.pipeline.parameters import FLAG
+from counterlight.pipeline.value_types import Anything, Number
 from counterlight.show.look import look_properties
 from counterlight.show.playback import Playback
 from counterlight.show.refining import refining

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from counterlight.errors import InputError, nearest
-from counterlight.pipeline.kinds import ANYTHING, Kind, Number, UnreadError
 from counterlight.pipeline.parameters import PARAMETERS
+from counterlight.pipeline.value_types import ANYTHING, Kind, Number, UnreadError
 
 PROPERTY_COMMANDS = ("set", "cycle", "add", "multiply")
 

@@ -65,7 +65,7 @@ class RoomInUse:
     @property
     def refinable(self) -> bool:
         """Whether the maps for refinement exist."""
-        return all(each.maps.refinement is not None for each in self._room.eyes)
+        return all(each.maps.refinement is not None for each in self._room.views)
 
     @property
     def placed_on(self) -> tuple[int, int]:
@@ -81,7 +81,7 @@ class RoomInUse:
     def drifts(self) -> bool:
         """Whether the last check found a drift, or the loaded room still corrects an earlier drift."""
         found = [read_drift(calibration.read(folder)) for folder in calibrations_in(self._folder)]
-        return any(each is not None and each.changes for each in (*found, *(eye.drift for eye in self._room.eyes)))
+        return any(each is not None and each.changes for each in (*found, *(view.drift for view in self._room.views)))
 
     def reload(self) -> Renderer:
         """Read the maps and make a renderer. Raises InputError if the projector's size has changed."""

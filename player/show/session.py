@@ -21,6 +21,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
 from counterlight.show.display import Display
+from counterlight.show.drawing import draw
 from counterlight.show.fading import FADE_WAIT_S, Fade, Leaving
 from counterlight.show.governor import Governor
 from counterlight.show.hearing import Hearing
@@ -527,19 +528,18 @@ class Session:
         return 1 if pace is None else max(round(pace.every * pace.interval_s * rate), 1)
 
     def _render(self) -> None:
-        start, steps = time.perf_counter(), self.steps
         timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
-        self.renderer.start_from(self.governor.start, self.governor.bare)
-        view, frame = self.view, self.stats.frames
-        self.renderer.render(view, compensate=self.compensation, frame=frame, steps=steps, timed=timed)
-        self.renderer.finish()
-        seconds = time.perf_counter() - start
-        self.stats.add("gpu", seconds)
-        stage_s = self.renderer.stage_s if timed else {}
+        steps = draw(
+            self.renderer,
+            self.governor,
+            self.stats,
+            self.view,
+            compensate=self.compensation,
+            frame=self.stats.frames,
+            timed=timed,
+        )
         if timed:
             self._timed_at = self.clock()
-            self.stats.add_stages(stage_s, steps)
-        self.governor.took(seconds, steps, stage_s)
         self._draws += 1
         self.rendered_view, self._steps_drawn = self.view, steps
         self._steps_made += steps

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from counterlight.pipeline import laps
+from counterlight.pipeline import stage_times
 from counterlight.writing.replacing import replacing_file
 
 RECENT = 10_000  # frames whose times are kept: minutes of playback in a fixed amount of memory
 MOST_NOTICES, LATEST_NOTICES = 1000, 20
 STAGES = ("decode", "upload", "gpu", "present")
 # stages of "gpu"; "step" is a single step, not all steps
-DRAWING = (*(stage for stage in laps.STAGES if stage != "steps"), "step")
+DRAWING = (*(stage for stage in stage_times.STAGES if stage != "steps"), "step")
 CHANGE = 3  # frames that a change of media may delay
 PERCENTILES = {"median": 50, "p95": 95, "p99": 99, "max": 100}
 RECENT_S = 10  # seconds that the remote's figures cover
@@ -55,7 +55,7 @@ class Stats:
         self._stages.setdefault(stage, deque(maxlen=RECENT)).append(1000 * seconds)
 
     def add_stages(self, stage_s: Mapping[str, float], steps: int) -> None:
-        """Add the times of one frame's stages (pipeline/laps.py). The entry `step` is the time per step."""
+        """Add the times of one frame's stages (pipeline/stage_times.py). The entry `step` is the time per step."""
         for stage, seconds in stage_s.items():
             if stage != "steps":
                 self.add(stage, seconds)

@@ -104,11 +104,11 @@ class Limits:
 
     def __init__(self, room: Room) -> None:
         self._cpu = CpuRenderer(room)
-        self._most, self._ambient = self._cpu._eye.views.most, room.calibration.ambient.astype(np.float64)
+        self._most, self._ambient = self._cpu._main_view.views.most, room.calibration.ambient.astype(np.float64)
 
     def clipped(self, asked: FloatArray, first_asked: FloatArray) -> float:
         """Returns the clipped light as a share of the target before adaptation."""
-        near = self._cpu._eye.near_light(asked - self._ambient)
+        near = self._cpu._main_view.near_light(asked - self._ambient)
         missed = np.abs(near - np.clip(near, 0, self._most[..., :3]))
         counts = self._most[..., 3] > 0
         return float(missed[counts].sum() / np.maximum(first_asked, self._ambient)[counts].sum())

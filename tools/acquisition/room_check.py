@@ -18,11 +18,11 @@ from counterlight.errors import InputError
 from counterlight.pipeline import encoding
 from counterlight.pipeline.drift import Drift, Moved
 from counterlight.raster import Region
-from counterlight.tools.acquisition.looked import REPEATS, SURE, Known, Looked, View, divided
+from counterlight.tools.acquisition.changed_exposures import CHANGED, changed_exposures
+from counterlight.tools.acquisition.floodlight_check import REPEATS, SURE, Known, Looked, View, divided
 from counterlight.tools.acquisition.photographer import Photographer
 from counterlight.tools.acquisition.plan import Codes, measure_noise
 from counterlight.tools.acquisition.registration import Registrar, Registration, random_field
-from counterlight.tools.acquisition.told_apart import CHANGED, changed_exposures
 from counterlight.tools.transport.transport import Transport
 
 STILL = 0.03  # projector pixels; smaller movements are ignored

@@ -19,7 +19,7 @@ from counterlight.errors import InputError
 MAX_ADDRESS_SPACE = 6 << 30
 MAX_UNSENT = 1 << 20  # bytes
 LAST_WORDS_S = 1.0  # time from the request to end until the process is killed
-_graves: set[threading.Thread] = set()
+_ending: set[threading.Thread] = set()
 
 
 def start_child(module: str, errors: IO[bytes] | int, files: Sequence[int] = ()) -> subprocess.Popen[bytes]:
@@ -73,7 +73,7 @@ class Letters:
                 del self._unsent[: os.write(self._pipe.fileno(), self._unsent)]
 
 
-def bury(child: subprocess.Popen[bytes], afterwards: Callable[[], None], patience_s: float = LAST_WORDS_S) -> None:
+def end_child(child: subprocess.Popen[bytes], afterwards: Callable[[], None], patience_s: float = LAST_WORDS_S) -> None:
     """End a child in the background, by force after `patience_s`. Then call `afterwards`."""
     assert child.stdin is not None
     with contextlib.suppress(OSError):
@@ -88,21 +88,21 @@ def bury(child: subprocess.Popen[bytes], afterwards: Callable[[], None], patienc
         assert child.stdout is not None
         afterwards()
         child.stdout.close()
-        _graves.discard(threading.current_thread())
+        _ending.discard(threading.current_thread())
 
-    grave = threading.Thread(target=wait, name=f"end of {child.pid}", daemon=True)
-    _graves.add(grave)
-    grave.start()
+    thread = threading.Thread(target=wait, name=f"end of {child.pid}", daemon=True)
+    _ending.add(thread)
+    thread.start()
 
 
-def all_buried(patience_s: float = 2 * LAST_WORDS_S) -> None:
+def all_ended(patience_s: float = 2 * LAST_WORDS_S) -> None:
     """Wait for all children that were told to end. Give up on processes that the kernel blocks."""
     until = time.monotonic() + patience_s
-    for grave in list(_graves):
-        grave.join(max(until - time.monotonic(), 0.0))
+    for thread in list(_ending):
+        thread.join(max(until - time.monotonic(), 0.0))
 
 
-atexit.register(all_buried)
+atexit.register(all_ended)
 
 
 def private_stdout() -> IO[bytes]:

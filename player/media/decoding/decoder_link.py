@@ -18,7 +18,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
-from counterlight.media.decoding.child import Letters, bury, start_child
+from counterlight.media.decoding.child import Letters, end_child, start_child
 from counterlight.media.frames import PixelFormat, slot_bytes, slot_planes
 
 FIRST_SIGN_S = 5.0  # Python starts in a tenth of a second, on a busy machine in a second
@@ -103,7 +103,7 @@ class DecoderLink:
         if self._ring is not None:
             with contextlib.suppress(BufferError):  # a frame is still held, and keeps the mapping alive
                 self._ring.close()
-        bury(self.process, self._clear)
+        end_child(self.process, self._clear)
 
     def _clear(self) -> None:
         self._listener.join()

@@ -68,8 +68,8 @@ PROSE = (
         ),
         3,
         (
-            "from T⁺ film is there after {} steps ({} dB), stills after {} ({}); from direct mapping film after "
-            "{} ({}), stills after {} ({}).",
+            "from T⁺, film is within 0.1 dB after {} steps ({} dB) and stills after {} ({} dB). From direct mapping, "
+            "film needs {} steps ({} dB) and stills {} ({} dB).",
             "from T⁺, film after {} steps ({} dB) and stills after {} steps ({} dB); from direct mapping, film after "
             "{} steps ({} dB) and stills after {} steps ({} dB)",
         ),
@@ -88,27 +88,27 @@ PROSE = (
         "docs/accuracy.md",
         ACCURACY,
         ("**Uncompensated** pictures are {} dB below the best", lambda t: near(t, "uncompensated")),
-        ("next to nothing and comes within {} dB", lambda t: near(t, "direct")),
-        ("has it (*triangulated*), it comes within {}:", lambda t: near(t, "direct, triangulated")),
-        ("In `corner` it is {} dB below, because it knows", lambda t: near(t, "direct", column=WORST)),
-        ("4.66 dB below before the statuette and {} in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
-        ("with far light apart: {} dB below with the same", lambda t: near(t, "T⁺, cut, max-cluster 200")),
-        ("same largest cluster, {} in the worst room", lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST)),
+        ("takes almost no time, and comes within {} dB", lambda t: near(t, "direct")),
+        ("*triangulated*) comes within {} dB:", lambda t: near(t, "direct, triangulated")),
+        ("In `corner` direct mapping is {} dB below, because it ignores", lambda t: near(t, "direct", column=WORST)),
+        ("dB below with the statuette and {} in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
+        ("with separate far light is {} dB below with the same", lambda t: near(t, "T⁺, cut, max-cluster 200")),
+        ("same largest cluster, and {} dB in the worst room", lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST)),
         (
-            "Four steps bring the picture to {} to {} dB below the best, sixteen to {},",
+            "Four steps end {} to {} dB below the best, and sixteen steps {} dB.",
             lambda t: near(
                 t, *(f"refined from {way}" for way in ("T⁺, cut, steps 4", "direct, steps 4", "T⁺, steps 16"))
             ),
         ),
-        ("What stays after 64 steps, {} dB,", lambda t: near(t, "refined from T⁺, steps 64")),
+        ("The priors cost the {} dB that remain after 64 steps", lambda t: near(t, "refined from T⁺, steps 64")),
     ),
     counted(
         "docs/accuracy.md",
         ACCURACY,
         studied,
-        ("it comes within 2.40: {} dB closer on a wall, {} before the statuette", nearer),
+        ("{} dB closer on a wall and {} dB with the statuette", nearer),
         (
-            "no light from the other card ({} dB in a smooth gradient)",
+            "A smooth gradient is {} dB below there",
             lambda t: of_room(t, "corner", "direct", "gradient"),
         ),
         (
@@ -116,16 +116,16 @@ PROSE = (
             lambda t: (max(mean(of_room(t, room, THESIS)) for room in FOUR),),
         ),
         (
-            "`corner` it is {} dB below, because the cut",
+            "In `corner` the method is {} dB below, because the cut",
             lambda t: (mean(of_room(t, "corner", THESIS)),),
         ),
         (
-            "noise: it is {} dB below before the statuette",
+            "200 pixels: {} dB below with the statuette",
             lambda t: (mean(of_room(t, "statuette", THESIS)),),
         ),
-        ("leave out {} to {} % of the map", left_out),
+        ("instead of a half removes {} to {} % of the map", left_out),
         (
-            "of the map and cost {} dB at most",
+            "of the map and costs {} dB at most",
             lambda t: (max(worse(t, "T⁺, max-error 2", than="T⁺, max-error 0.5")),),
         ),
     ),
@@ -164,7 +164,7 @@ PROSE = (
             "the {} that play makes from direct mapping",
         ),
     ),
-    told("docs/solvers.md", SOLVERS.commands, SOLVERS.minutes, ("{} near entries a channel",) * 2),
+    told("docs/solvers.md", SOLVERS.commands, SOLVERS.minutes, ("{} near entries per channel", "{} near entries a channel")),
     said(
         "docs/table_6_1.md",
         SCENES,
@@ -209,11 +209,11 @@ PROSE = (
             ),
         ),
         (
-            "64 steps are within {} % of the floodlit room of the box optimum, and 4 steps within {};",
+            "64 steps are within {} % of the floodlit room of the box optimum, and 4 steps within {} %.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
-        ("reports nothing and amplifies by {}.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
-        ("where the map begins with {}, noise", lambda t: (t.one("weights", "map, auto", 1),)),
+        ("it reports nothing and amplifies by {}.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
+        ("where the map begins with {}, noise stays", lambda t: (t.one("weights", "map, auto", 1),)),
         ("noise is amplified at most {} times", lambda t: (max(t(": (?!weights)", "64 steps", 1)),)),
     ),
     said(
@@ -223,7 +223,7 @@ PROSE = (
             "no cluster of a cut wall is worse conditioned than {},",
             lambda t: (max(t(r"\| (40|10)$", "worst condition")),),
         ),
-        ("It ends at {} % whatever the blur", lambda t: (max(t(r"\| (40|10)$", "plain inverse")),)),
+        ("Its error ends at {} % whatever the blur", lambda t: (max(t(r"\| (40|10)$", "plain inverse")),)),
         ("bounds the amplification just as well at {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
     ),
 )

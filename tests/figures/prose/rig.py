@@ -47,11 +47,11 @@ PROSE = (
         "docs/rig.md",
         RIG,
         (
-            "measured is {} to {} dB below the best that any drive could show over all lit pixels",
+            "`home` is {} to {} dB below the best that any drive could show",
             lambda t: ends(t("home", "below, dB")),
         ),
-        ("and at most {} dB inside the border", lambda t: (below_inside(t),)),
-        ("Light outside is at most {} % of white", lambda t: (max(t("home", "light outside (plain)")),)),
+        ("Inside the border, `home` is at most {} dB below", lambda t: (below_inside(t),)),
+        ("**Light outside** is at most {} % of white", lambda t: (max(t("home", "light outside (plain)")),)),
         (
             "With steps PSNR falls by {} dB at most, by {} everywhere",
             lambda t: [fallen(t, r"\| (?!drift)\w+$", column) for column in SHOWN],
@@ -67,18 +67,18 @@ PROSE = (
         "docs/rig.md",
         ALONE,
         (
-            "three times the room's light cost: {} and {} dB of {} dB",
+            "One check recovers both: {} and {} dB of {} dB",
             lambda t: [
                 *(inside(t, "wall", fault, CHECKED) for fault in ("lamp", "daylight")),
                 inside(t, "wall", "quiet"),
             ],
         ),
         (
-            "for sRGB costs {} dB (`believed`)",
+            "treated as sRGB loses {} dB (`believed`)",
             lambda t: (inside(t, "wall", "quiet") - inside(t, "wall", "believed"),),
         ),
         (
-            "a lamp at nine tenths {}; three times the room's light {}.",
+            "A lamp at nine tenths costs {} dB, and three times the room's light costs {} dB.",
             lambda t: [inside(t, "wall", "quiet") - inside(t, "wall", fault) for fault in ("lamp", "daylight")],
         ),
     ),

@@ -73,18 +73,18 @@ PROSE = (
         "docs/decomposition.md",
         RADII,
         (
-            "is {} dB below the best by all singular values that float32 leaves, and {} (photograph), {} (text) and {} "
-            "dB (gradient) by those",
+            "is {} dB below the best with all singular values that float32 leaves. With values above a hundredth of "
+            "the largest, it is {} (photograph), {} (text) and {} dB (gradient) below.",
             lambda t: (t.one(r"0 \| uncut", ALL_RANKS), *(t.one(r": 0 \| uncut", HUNDREDTH, at) for at in range(3))),
         ),
-        ("the rank hardly matters** ({} dB with any)", lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1]),
+        ("hardly depend on the rank** ({} dB with any)", lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1]),
         (
             "keeps the light between the wings ({} to {} % of all)",
             lambda t: ends(t(r"\| all, 0.1$", "light kept")),
         ),
         ("in clusters of up to {} pixels", lambda t: (max(t(r"\| all, 0.1$", "largest")),)),
         (
-            "a photograph is {} to {} dB below with a rank cut off, {} to {} without",
+            "A photograph is {} to {} dB below with a rank cutoff, and {} to {} dB below without",
             lambda t: (
                 *ends([n for share in SHARES for n in t(r"\| all, 0.1$", share)]),
                 *ends(t(r"\| all, 0.1$", ALL_RANKS)),
@@ -98,7 +98,7 @@ PROSE = (
     said(
         "docs/colour.md",
         COLOUR,
-        ("worth {} dB on the wall and {} in the corner", lambda t: [by_pixel(t, room) for room in ("wall", "corner")]),
+        ("worth {} dB on the wall and {} dB in the corner", lambda t: [by_pixel(t, room) for room in ("wall", "corner")]),
     ),
     said(
         "docs/content.md",
@@ -126,7 +126,7 @@ PROSE = (
         "docs/viewpoints.md",
         VIEWS,
         (
-            "8 steps lost it {} to {} dB",
+            "8 steps lost {} to {} dB",
             lambda t: ends(
                 [t.one(rf"^{n}: 1$", "… as played, 8 steps") - t.one(rf"^{n}: 1$", "solved between") for n in (1, 2, 3)]
             ),

@@ -1,7 +1,7 @@
 """One view of a room on a device: its maps, its targets, and its prediction of the camera picture.
 
 A usual room has one view. A set of views has several (counterlight.viewpoints); only some have a share in a drive at a
-time (company.py).
+time (view_blend.py).
 """
 
 from functools import cached_property, partial
@@ -15,7 +15,7 @@ from counterlight.pipeline.request import Request
 from counterlight.pipeline.room import Room
 
 
-class Eye:
+class RoomView:
     """The maps and passes of one view.
 
     refiner : None without the maps of refinement.
@@ -65,11 +65,11 @@ class Eye:
         self._owner.release()
 
 
-class Asked(NamedTuple):
+class Target(NamedTuple):
     """The target b of one view for a frame, and the view's share in the drive. All shares sum to 1."""
 
     share: float
-    eye: Eye
+    view: RoomView
     b: Light
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 STAGES = ("linear", "place", "start", "steps", "view", "encode")
 
 
-class Laps:
+class StageTimes:
     """Seconds per stage (STAGES) of the frame that was timed last.
 
     linear : decoding to linear light.

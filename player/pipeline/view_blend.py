@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from counterlight.maps.prior import Prior
 from counterlight.pipeline.device import Device, Light, Owner
-from counterlight.pipeline.eye import Asked, Eye
+from counterlight.pipeline.room_view import RoomView, Target
 from counterlight.pipeline.starts import GreyStart, Iterate, MapStart, PreviousStart, Start, standing
 
 
@@ -42,16 +42,16 @@ class Mean:
         self._owner.release()
 
 
-class Company:
+class ViewBlend:
     """Makes drives for views.
 
     shape : (height, width) of the projector.
     refines : whether every view has the maps of refinement.
     """
 
-    def __init__(self, device: Device, eyes: Sequence[Eye], shape: tuple[int, int]) -> None:
+    def __init__(self, device: Device, views: Sequence[RoomView], shape: tuple[int, int]) -> None:
         self._device, self._shape, self._owner = device, shape, Owner()
-        self.refines = all(eye.refiner is not None for eye in eyes)
+        self.refines = all(view.refiner is not None for view in views)
         self._guesses, self._slopes, self._curvatures = (self._owner.own(Mean(device, shape)) for _ in range(3))
         self._starts: dict[str, Start] = {}
         self._several: _Several | None = None
@@ -75,12 +75,12 @@ class Company:
         of = "direct" if start == "previous-direct" else "map"
         return PreviousStart(self._device, self._shape, _Guessed(self._guesses, of, clamp=False))
 
-    def stand(self, shares: Sequence[tuple[float, Eye]]) -> None:
+    def stand(self, shares: Sequence[tuple[float, RoomView]]) -> None:
         """Use these (share, view) pairs from now on. For several views, compute their mean curvature once, here."""
         if len(shares) > 1 and self.refines:
             if self._several is None:
                 self._several = self._owner.own(_Several(self._device, self._shape))
-            curvatures = [(share, eye.refiner.curvature) for share, eye in shares if eye.refiner is not None]
+            curvatures = [(share, view.refiner.curvature) for share, view in shares if view.refiner is not None]
             self._several.take(self._curvatures.run(curvatures))
 
     def advance(self, *, cut: bool) -> None:
@@ -88,22 +88,22 @@ class Company:
         if self.refines:
             self._start.advance(cut=cut)
 
-    def guess(self, asked: Sequence[Asked]) -> Iterate:
+    def guess(self, targets: Sequence[Target]) -> Iterate:
         """Return the drive without steps: the mean of the views' clamp(T⁺ b) (the thesis' method) or direct mapping."""
-        return standing(_Guessed(self._guesses, self._bare, clamp=True)(asked))
+        return standing(_Guessed(self._guesses, self._bare, clamp=True)(targets))
 
-    def begin(self, asked: Sequence[Asked]) -> Iterate:
+    def begin(self, targets: Sequence[Target]) -> Iterate:
         """Return the start of the frame's steps."""
-        return self._start.run(asked)
+        return self._start.run(targets)
 
-    def refine(self, start: Iterate, asked: Sequence[Asked], steps: int) -> Iterate:
-        if len(asked) == 1:
-            refiner = asked[0].eye.refiner
+    def refine(self, start: Iterate, targets: Sequence[Target], steps: int) -> Iterate:
+        if len(targets) == 1:
+            refiner = targets[0].view.refiner
             assert refiner is not None
-            last = refiner.run(start, asked[0].b, steps)
+            last = refiner.run(start, targets[0].b, steps)
         else:
             assert self._several is not None
-            last = self._several.run(self._slopes, start, asked, steps)
+            last = self._several.run(self._slopes, start, targets, steps)
         self._start.keep(last)
         return last
 
@@ -117,8 +117,8 @@ class _Guessed:
     def __init__(self, mean: Mean, of: str, *, clamp: bool) -> None:
         self._mean, self._of, self._clamp = mean, of, clamp
 
-    def __call__(self, asked: Sequence[Asked]) -> Light:
-        return self._mean.run([(each.share, each.eye.guess(self._of, clamp=self._clamp)(each.b)) for each in asked])
+    def __call__(self, targets: Sequence[Target]) -> Light:
+        return self._mean.run([(each.share, each.view.guess(self._of, clamp=self._clamp)(each.b)) for each in targets])
 
 
 class _Several:
@@ -134,10 +134,10 @@ class _Several:
     def take(self, curvature: Light) -> None:
         self._step_size = self._inverse.run(picture=curvature)
 
-    def run(self, mean: Mean, start: Iterate, asked: Sequence[Asked], steps: int) -> Iterate:
+    def run(self, mean: Mean, start: Iterate, targets: Sequence[Target], steps: int) -> Iterate:
         p, y, made = start
         for step in range(made + 1, made + steps + 1):
-            slopes = [(each.share, each.eye.refiner.downhill(y, each.b)) for each in asked if each.eye.refiner]
+            slopes = [(each.share, each.view.refiner.downhill(y, each.b)) for each in targets if each.view.refiner]
             p, y = self._step.run(step, mean.run(slopes), y, p, self._step_size)
         return Iterate(p, y, made + steps)
 
