@@ -128,7 +128,7 @@ def in_blocks(size: str, minutes: float) -> Figures:
         at_size("two_planes", size),
         minutes,
         in_one_line(
-            entries=r"([\d,]+) entries a channel become ([\d,]+) near and ([\d,]+) blurred ones",
+            entries=r"([\d,]+) entries per channel become ([\d,]+) near and ([\d,]+) blurred entries",
             simulated=rf"--projector {size}`, (\d+) s of processor time",
             soft=r"\(letters\) and ([\d.]+) \(soft\)",
             **losses,

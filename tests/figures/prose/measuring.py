@@ -44,25 +44,14 @@ def short(t: Table, room: str, *counts: int) -> list[float]:
 PROSE = (
     told(
         "docs/acquisition.md",
-        ("python -m tests.bench --only schedule",),
-        1,
-        ("{} connections, {} conflicts. Processor", "{} entries, {} conflicts"),
-        ("conflict graph {} s, 21 colours", "conflict graph: {_} s, processor {} s"),
-        ("s, {} colours in", "{} colours; the largest"),
-        ("colours in {} s,", "colours: {_} s, processor {} s"),
-        ("T as CSR {} s;", "T in CSR: {_} s, processor {} s"),
-        ("; {} GiB in all. No dense", "so far: {} GiB"),
-    ),
-    told(
-        "docs/acquisition.md",
         (
             "counterlight simulate corner --camera 160x120 --projector 96x72 -o c",
             "counterlight acquire --camera simulated:c --shots 1 -o room",
         ),
         2,
         (
-            "{} numbers a channel become {} near entries and {} numbers of far light; a photograph loses {} dB, a view "
-            "of which half is lit {}, a soft picture {}.",
+            "{} numbers per channel become {} near entries and {} numbers of far light. A photograph loses {} dB, a "
+            "half-lit view {} dB and a soft picture {} dB.",
             "factored: {} entries a channel are {} of near light and {} numbers of far light; pictures lose, in dB: "
             "photograph {}, half {}, spots {_}, soft {}",
         ),
@@ -72,49 +61,52 @@ PROSE = (
         ("python -m tests.bench --only picture",),
         1,
         (
-            "a camera pixel takes {} s of processor time",
+            "per camera pixel takes {} s of processor time",
             "third: ...s, processor {} s",
         ),
     ),
     said(
         "docs/acquisition.md",
         SMALL,
-        ("with the acquired T is within {} dB of that with the true one", lambda t: (largest(t, FINE, ONE),)),
-        ("where the true T gives {} to {} dB", lambda t: ends(t(TRUTH, SMOOTH))),
+        ("4 σ and one shot is within {} dB of the true T", lambda t: (largest(t, FINE, ONE),)),
+        ("the true T gives {} to {} dB", lambda t: ends(t(TRUTH, SMOOTH))),
         (
-            "it is within {} dB on `corner`, `glass`, `skull` and `two_planes`",
+            "is within {} dB on `corner`, `glass`, `skull` and `two_planes`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|glass|skull|two_planes"),),
         ),
         (
-            "noise costs {} dB on `folded_cards`, {} on `statuette`, {} on `wall`.",
+            "Noise costs {} dB on `folded_cards`, {} on `statuette`, {} on `wall`.",
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
         (
-            "With 16 shots it is within {} dB on every scene",
+            "with 16 shots is within {} dB on every scene",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
-        ("there are up to {} times as many pictures", lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),)),
-        ("error of T: on `wall` {} against 109 +", lambda t: pictures(t, CODED, "wall")),
-        ("against 109 + {} ·", lambda t: (pictures(t, ONE, "wall")[0] - 109,)),
+        (
+            "It needs up to {} times as many pictures",
+            lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
+        ),
+        ("On `wall`, {} exposures compare with 109 +", lambda t: pictures(t, CODED, "wall")),
+        ("compare with 109 + {} ·", lambda t: (pictures(t, ONE, "wall")[0] - 109,)),
         (
             "· ({} / {})²",
             lambda t: [t.one(rf": wall .* \| {scheme}$", "error of T") for scheme in (ONE, CODED)],
         ),
         (
-            "With 16 shots it is within {} dB there",
+            "with 16 shots is within {} dB on `wall` and",
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
-        ("within 0.2 dB there (`corner`: {})", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
+        ("and {} dB on `corner`. At edges", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
         (
-            "no number of shots helps: {} to {} dB of smooth pictures, {} to {} of fine ones",
+            "it loses {} to {} dB of smooth pictures and {} to {} dB of fine pictures",
             lambda t: [n for column in (SMOOTH, FINE) for n in ends(lost(t, column, CODED_MANY, EDGES))],
         ),
         (
-            "A higher threshold (16 σ) saves up to {} % of the pictures",
+            "A threshold of 16 σ saves up to {} % of the pictures",
             lambda t: (100 - 100 * min(ratios(pictures(t, COARSE), pictures(t, ONE))),),
         ),
         (
-            "it costs up to {} dB of fine and {} dB of smooth pictures",
+            "It costs up to {} dB of fine and {} dB of smooth pictures",
             lambda t: [largest(t, column, COARSE, than=ONE) for column in (FINE, SMOOTH)],
         ),
         ("is lost (`corner`: error {} %)", lambda t: t("corner .* pixel by pixel", "error of T")),
@@ -122,24 +114,24 @@ PROSE = (
     said(
         "docs/acquisition.md",
         LARGE,
-        ("hierarchical is within {} dB of the true T on fine pictures", lambda t: (largest(t, FINE, ONE),)),
+        ("one shot is within {} dB of the true T on fine pictures", lambda t: (largest(t, FINE, ONE),)),
         (
-            "and within {} dB on smooth ones but on `wall`",
+            "On smooth pictures it is within {} dB, except on `wall`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|two_planes"),),
         ),
-        ("but on `wall` ({} of {} dB)", lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH))),
+        ("except on `wall` ({} of {} dB)", lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH))),
         (
-            "with 16 shots it is within {} dB everywhere",
+            "With 16 shots, `hierarchical` is within {} dB everywhere",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
     ),
     said(
         "docs/acquisition.md",
         FIRST,
-        ("with nine pictures: {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
-        ("no more than 48, {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
+        ("nine pictures, which end {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
+        ("no more than 48 and end {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
-            "makes discs, {} dB below `hierarchical`; random pictures tell: {} with sixteen, {} with 48, {} with 128.",
+            "Below `hierarchical`, nine pictures lose {} dB, sixteen {} dB, 48 lose {} dB, and 128 lose {} dB.",
             lambda t: short(t, "defocus", 9, 16, 48, 128),
         ),
     ),

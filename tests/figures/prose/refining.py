@@ -52,7 +52,7 @@ PROSE = (
             lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
         ),
         (
-            "what stays after 64 steps, {} to {} dB",
+            "what remains after 64 steps, {} to {} dB",
             lambda t: ends(t(r": map$", "64 steps")),
         ),
     ),
@@ -70,13 +70,18 @@ PROSE = (
         ),
         ("placing and encoding, about {} ms", lambda t: (mean(t(": direct$", "before a step, ms")),)),
     ),
-    counted("docs/refinement.md", STILLS, held, ("it has {} to {} times the entries of T", denser)),
-    told("docs/refinement.md", STILLS.commands, STILLS.minutes, ("as it is in the start, {} ms a",) * 2),
+    counted("docs/refinement.md", STILLS, held, ("T⁺ has {} to {} times the entries of T", denser)),
+    told(
+        "docs/refinement.md",
+        STILLS.commands,
+        STILLS.minutes,
+        ("Constant far light, {} ms per", "as it is in the start, {} ms a"),
+    ),
     told("docs/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
     said(
         "docs/refinement.md",
         tabled("docs/refinement.md", "room, picture | start, steps"),
-        ("all within a factor of {} (the", lambda t: (1 / min(estimated(t)),)),
-        ("(the worst, {}, is of", lambda t: (min(estimated(t)),)),
+        ("All are within a factor of {} (the", lambda t: (1 / min(estimated(t)),)),
+        ("(the worst, {}, uses", lambda t: (min(estimated(t)),)),
     ),
 )

@@ -98,7 +98,7 @@ PROSE = (
         "docs/first-rig.md",
         RIG,
         (
-            "a pixel of drift costs {} to {} dB",
+            "A pixel of drift costs {} to {} dB",
             by_drift,
         ),
     ),

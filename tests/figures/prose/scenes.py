@@ -106,9 +106,9 @@ PROSE = (
     said(
         "docs/content.md",
         ADAPTED,
-        ("what is shown up to {} dB truer", lambda t: (max(off(t, "1 %", ASKED)),)),
+        ("The result is up to {} dB truer to the target", lambda t: (max(off(t, "1 %", ASKED)),)),
         (
-            "against the picture itself it loses {} to {} dB",
+            "Compared with the original picture, adaptation loses {} to {} dB",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
         ),
     ),
@@ -116,7 +116,7 @@ PROSE = (
         "docs/content.md",
         FLICKER,
         (
-            "0.3 takes a third of it for {} dB on moving film",
+            "0.3 removes a third of the noise for {} dB on moving film",
             lambda t: (t.one("off", "film: likewise (worst)") - t.one("0.3", "film: likewise (worst)"),),
         ),
     ),
@@ -189,9 +189,9 @@ PROSE = (
     said(
         "docs/size.md",
         BLURRED,
-        ("at 1920x1080, {} entries a pixel, dB below", lambda t: (t.one("another T", "near"),)),
+        ("at 1920x1080, {} entries per pixel, in dB", lambda t: (t.one("another T", "near"),)),
         (
-            "limit 0.0014 ({} numbers a pixel)",
+            "limit 0.0014 ({} numbers per pixel)",
             lambda t: (t.one("0.0014", "near") + t.one("0.0014", "blurred"),),
         ),
     ),
@@ -199,9 +199,9 @@ PROSE = (
         "docs/size.md",
         BLURRED,
         judged_away,
-        ("by T {}, {}, {} dB of the film's windows", lambda t: t("^T:", "film")),
-        ("numbers a pixel) {}, {}, {}.", lambda t: t("^0.0014:", "film")),
-        ("So they cost films {} to {} dB", more),
-        ("a stricter limit (0.0010: {}, {}, {})", lambda t: t("^0.0010:", "film")),
+        ("the film's windows lose {}, {}, {} dB with T.", lambda t: t("^T:", "film")),
+        ("They lose {}, {}, {} with blocks of limit 0.0014", lambda t: t("^0.0014:", "film")),
+        ("So blocks cost films {} to {} dB", more),
+        ("A stricter limit (0.0010: {}, {}, {})", lambda t: t("^0.0010:", "film")),
     ),
 )
