@@ -47,7 +47,7 @@ PARAMETERS = {
         Number(0.01, 1e6, words=("inf",), noun="seconds"),
         value="SECONDS|inf",
         unit="s",
-        unsaid=f"inf; {LISTED_IMAGE_S:g} in a list",
+        unsaid=f"inf, or {LISTED_IMAGE_S:g} in a list",
     ),
     "keep-open": Parameter(
         "choose what happens at the end of the list. no: the player ends. yes: it pauses on the last frame. "
@@ -107,7 +107,7 @@ PARAMETERS = {
     "compensation": Parameter("compensate for the room", FLAG, True),
     "blackout": Parameter("show black", FLAG, False),
     "refine": Parameter(
-        "refine each frame in N steps (0: none), or in as many as its time allows (auto)",
+        "refine each frame in N steps; auto: in as many as its time allows",
         STEPS,
         value="N|auto",
         unit="steps",

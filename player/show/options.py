@@ -14,7 +14,7 @@ from counterlight.errors import InputError
 from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.device import PATHS
-from counterlight.pipeline.kinds import Choice, Flag, Kind, Number, UnreadError
+from counterlight.pipeline.kinds import MANY, Choice, Flag, Kind, Number, UnreadError
 from counterlight.pipeline.parameters import PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
@@ -102,7 +102,7 @@ def _offer(group: Arguments, *names: str) -> None:
             group.add_argument(f"--{name}", choices=row.kind.words, default=row.default, help=text)
         else:
             unsaid = f"default: {row.unsaid}" if " " in row.unsaid else f"default {row.unsaid or f'{row.default:g}'}"
-            bounds = f"{row.kind.bounds}, " if isinstance(row.kind, Number) else ""
+            bounds = f"{row.kind.bounds}, " if isinstance(row.kind, Number) and row.kind.high < MANY else ""
             _number(group, name, row.kind, row.value, f"{row.help} ({bounds}{unsaid})", row.default)
 
 
