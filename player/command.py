@@ -99,7 +99,9 @@ class Parser(argparse.ArgumentParser):
         self._positionals.title = "arguments"
         self._help = self.add_argument_group("help")
         self._help.add_argument("-h", "--help", action="help", help="show this help")
-        self._help.add_argument("--help-all", action=_HelpAll, nargs=0, help="show all options")
+        self._help.add_argument(
+            "--help-all", action=_HelpAll, nargs=0, default=argparse.SUPPRESS, help="show all options"
+        )
 
     def format_usage(self) -> str:
         """Return one line with the required options and the arguments."""
