@@ -4,10 +4,12 @@ import argparse
 import errno
 import io
 import os
+import re
 import select
 import shutil
 import signal
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import suppress
@@ -23,23 +25,116 @@ BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, 
 ROOM_BESIDE_LABEL = 82  # columns
 CLEARED = b"\r\x1b[K"  # returns to the beginning of the line and clears it
 LAST_WORDS_S = 1.0  # longest wait for the reader of a command's last line
+JOINED = "\xa0"  # a space at which no line breaks
+WIDEST = 100  # columns of a help text; longer lines are hard to read
 
 TYPING_ERROR = 0.8  # one wrong letter in the shortest options; --report and --remote have 0.75
 
 T = TypeVar("T")
+Arguments = argparse._ActionsContainer  # a parser or one of its groups
+
+
+class _Formatter(argparse.HelpFormatter):
+    """Prints `-o, --output FILE`, `--[no-]loop` and `--view projector|camera`, in lines of the terminal's width."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=_columns())
+
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        return textwrap.wrap(" ".join(text.split()), width, break_on_hyphens=False)
+
+    def _format_action_invocation(self, action: argparse.Action) -> str:
+        if not action.option_strings:
+            return super()._format_action_invocation(action)
+        if isinstance(action, argparse.BooleanOptionalAction):
+            return action.option_strings[0].replace("--", "--[no-]", 1)
+        values = "" if action.nargs == 0 else f" {self.values_of(action)}"
+        return ", ".join(action.option_strings) + values
+
+    def values_of(self, action: argparse.Action) -> str:
+        """Return the placeholders of an action's values, such as `FILE` or `[SECONDS]`."""
+        return self._format_args(action, action.dest.upper())
+
+    def _get_default_metavar_for_positional(self, action: argparse.Action) -> str:
+        return action.dest.upper()
+
+    def _format_args(self, action: argparse.Action, default_metavar: str) -> str:
+        if action.nargs == argparse.ONE_OR_MORE:
+            return f"{self._metavar_formatter(action, default_metavar)(1)[0]} ..."
+        return super()._format_args(action, default_metavar)
+
+    def _metavar_formatter(self, action: argparse.Action, default_metavar: str) -> Callable[[int], tuple[str, ...]]:
+        if action.metavar is None and action.choices is not None:
+            default_metavar = "|".join(map(str, action.choices))
+        shown = default_metavar if action.metavar is None else action.metavar
+        return lambda size: shown if isinstance(shown, tuple) else (shown,) * size
+
+
+class _HelpAll(argparse.Action):
+    """Prints the help with all options, and ends the process."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        assert isinstance(parser, Parser)
+        sys.stdout.write(parser.format_help(everything=True))
+        parser.exit()
 
 
 class Parser(argparse.ArgumentParser):
     """The argument parser of a verb of `counterlight`. Like every error, its errors are one line.
 
     A separate script may stand for the verb. argcomplete completes arguments in shells.
+
+    description : paragraphs; a leading `counterlight VERB:` is left out. Indented lines stay lines.
+    examples : command lines.
+    common : options that --help shows; empty for all. --help-all shows all options.
     """
 
     _completes = False
 
-    def __init__(self, verb: str, **settings: Any) -> None:
+    def __init__(self, verb: str, *, examples: Sequence[str] = (), common: Sequence[str] = (), **settings: Any) -> None:
         called = Path(sys.argv[0]).name
-        super().__init__(called if called == SCRIPTS.get(verb) else f"counterlight {verb}".strip(), **settings)
+        prog = called if called == SCRIPTS.get(verb) else f"counterlight {verb}".strip()
+        super().__init__(prog, formatter_class=_Formatter, add_help=False, **settings)
+        self.examples, self.common = examples, common
+        self._positionals.title = "arguments"
+        self._help = self.add_argument_group("help")
+        self._help.add_argument("-h", "--help", action="help", help="show this help")
+        self._help.add_argument(
+            "--help-all", action=_HelpAll, nargs=0, default=argparse.SUPPRESS, help="show all options"
+        )
+
+    def format_usage(self) -> str:
+        """Return one line with the required options and the arguments."""
+        if self.usage is not None:
+            return super().format_usage()
+        formatter = _Formatter(self.prog)
+        required = [action for action in self._get_optional_actions() if action.required]
+        parts = [f"{action.option_strings[0]} {formatter.values_of(action)}" for action in required]
+        parts += ["[OPTION ...]", *map(formatter.values_of, self._get_positional_actions())]
+        words = " ".join([self.prog, *(part.replace(" ", JOINED) for part in parts)])
+        return _hanging(f"usage: {words}").replace(JOINED, " ") + "\n"
+
+    def format_help(self, *, everything: bool = False) -> str:
+        """Return the help with the common options, or with all options, in groups."""
+        formatter = self._get_formatter()
+        groups = [group for group in self._action_groups if group is not self._help]
+        for group in (*groups, self._help):
+            formatter.start_section(group.title)
+            formatter.add_arguments(each for each in group._group_actions if self._is_listed(each, everything))
+            formatter.end_section()
+        examples = "\n".join(["examples:", *(f"  {line}" for line in self.examples)]) if self.examples else ""
+        purpose = re.sub(r"^counterlight [\w-]+: ", "", self.description or "")
+        epilog = self.epilog if everything or not self.common else ""
+        texts = purpose[:1].upper() + purpose[1:], examples
+        parts = [self.format_usage(), *map(_wrapped, texts), formatter.format_help(), _wrapped(epilog or "")]
+        return "\n\n".join(part.strip("\n") for part in parts if part) + "\n"
+
+    def _is_listed(self, action: argparse.Action, everything: bool) -> bool:
+        if everything or not action.option_strings or action.required or action.dest == "help":
+            return True
+        if action.dest == "help_all":
+            return bool(self.common)
+        return not self.common or any(name in self.common for name in action.option_strings)
 
     def error(self, message: str) -> NoReturn:
         unknown = message.removeprefix("unrecognized arguments: ").split()[0]
@@ -71,6 +166,26 @@ class Parser(argparse.ArgumentParser):
             known = list(map(str, action.choices))
             complaint = f"invalid choice: {value!r} (choose from {', '.join(known)}){nearest(str(value), known)}"
             raise argparse.ArgumentError(action, complaint)
+
+
+def _columns() -> int:
+    return min(shutil.get_terminal_size().columns - 2, WIDEST)
+
+
+def _wrapped(text: str) -> str:
+    """Break paragraphs into lines of the terminal's width. A list with indented lines keeps its lines."""
+    paragraphs = []
+    for paragraph in text.split("\n\n"):
+        lines = paragraph.split("\n") if "\n  " in paragraph else [paragraph]
+        paragraphs.append("\n".join(map(_hanging, lines)))
+    return "\n\n".join(paragraphs)
+
+
+def _hanging(line: str) -> str:
+    """Break a line. The further lines of an indented line, and of a usage, begin below its second word."""
+    head = re.match(r"(?: +\S+ +|usage: )?", line)
+    indent = " " * (head.end() if head else 0)
+    return textwrap.fill(line, _columns(), subsequent_indent=indent, break_on_hyphens=False)
 
 
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:

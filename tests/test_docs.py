@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from pathlib import Path
 
 import cv2
@@ -16,8 +15,8 @@ import numpy as np
 import pytest
 from pythonosc.osc_message import OscMessage
 
-from counterlight.command import Parser
 from counterlight.tools.verbs import VERBS
+from tests.parsers import parser_of
 from tests.programs import PATIENCE_S, ROOT, command, running
 from tests.web_remote import free_port
 
@@ -131,28 +130,19 @@ def test_tables_are_whole(page: Path) -> None:
         assert all(line.endswith("|") for line in lines), where
 
 
-class Parsed(Exception):  # noqa: N818 - what carries a parser out of its command
-    pass
-
-
 @pytest.fixture(scope="module")
 def defaults() -> dict[str, set[str]]:
     """What is true of each option, over all verbs: its default, and what its help calls the default."""
     found: dict[str, set[str]] = {}
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("parse_known_args", "parse_known_intermixed_args"):
-            patch.setattr(Parser, name, lambda parser, *_: (_ for _ in ()).throw(Parsed(parser)))
-        for verb in VERBS.values():
-            with pytest.raises(Parsed) as caught:
-                import_module(f"counterlight.{verb.module}")._main([])
-            for action in caught.value.args[0]._actions:
-                stated = re.findall(r"default:? ([-\w.]+[\w])", action.help or "")
-                known = str(action.default)
-                if isinstance(action.default, float | int) and not isinstance(action.default, bool):
-                    known = f"{action.default:g}"
-                    assert {value for value in stated if value[0].isdigit()} <= {known}, action.option_strings
-                for option in action.option_strings:
-                    found[option] = found.get(option, set()) | {known, *stated}
+    for verb in VERBS:
+        for action in parser_of(verb)._actions:
+            stated = re.findall(r"default:? ([-\w.]+[\w])", action.help or "")
+            known = str(action.default)
+            if isinstance(action.default, float | int) and not isinstance(action.default, bool):
+                known = f"{action.default:g}"
+                assert {value for value in stated if value[0].isdigit()} <= {known}, action.option_strings
+            for option in action.option_strings:
+                found[option] = found.get(option, set()) | {known, *stated}
     return found
 
 

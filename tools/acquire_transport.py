@@ -1,4 +1,4 @@
-"""counterlight acquire: a calibration folder from projectors and a camera, or from a simulated room.
+"""counterlight acquire: measure a room with projectors and cameras, or a simulated room, into a calibration folder.
 
 Patterns are black and white, so that the projector's response does not matter; it is measured as well. With --pictures
 you choose the number of pictures, and all measurements use these. Captures are saved as they arrive; the same command
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, at_least_0, run
+from counterlight.command import Arguments, Parser, at_least_0, run
 from counterlight.errors import InputError
 from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options, sources_of
@@ -32,6 +32,14 @@ MOST_PICTURES = 1 << 12
 AVERAGED = "hierarchical", "multiplexed"  # other schemes serve for comparison and are not averaged
 MINUTES = 10.0
 RADIANCE = "radiance="
+EXAMPLES = (
+    "counterlight acquire --camera v4l2:0 --monitor HDMI-1 --preview -o room",
+    "counterlight acquire --camera simulated:corner -o room",
+)
+COMMON = (
+    *("--projector", "--monitor", "--window", "--exposures", "--shots", "--camera-response"),
+    *("--preview", "--pictures", "--averaging", "--response", "--name", "--force", "--report"),
+)
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
 
@@ -194,34 +202,52 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser("acquire", description=__doc__)
-    parser.add_argument(
-        "--pictures", type=_count, metavar="N",
-        help="as many in all, the most important first, 9 or more (13 for projectors of more than 256 pixels a side); "
-        "Ctrl-C ends the showing, and the room is made of those that there are"
-    )  # fmt: skip
-    parser.add_argument("--scheme", choices=SCHEMES, help="or as many pictures as it needs (default hierarchical)")
-    parser.add_argument(
-        "--threshold", metavar="N|radiance=R", help="τ, a multiple of the noise or absolute (default 4)"
-    )
-    parser.add_argument("--tile", type=int, metavar="PIXELS", help="multiplexed: window a side (default: measured)")
-    parser.add_argument(
-        "--preview", action="store_true", help="first aim, focus and expose by the camera's live picture, in a window"
-    )
-    parser.add_argument("--captures", type=Path, metavar="FOLDER", help="kept there (default OUTPUT.captures)")
-    parser.add_argument(
-        "--reuse-captures", action="store_true", help="make the room of a finished acquisition's captures again"
-    )
-    parser.add_argument("--report", type=Path, metavar="FOLDER", help="the page (default OUTPUT.report)")
-    add_tolerance(parser)
-    parser.add_argument(
-        "--averaging", type=_minutes, metavar="MINUTES",
-        help=f"time of the acquisition in which pictures are captured repeatedly; 0: once each (default {MINUTES:g})"
-    )  # fmt: skip
-    add_rig_options(parser, "as many as the noise asks for, if --averaging allows")
-    add_room_options(parser, "measured")
+def _parser() -> Parser:
+    parser = Parser("acquire", description=__doc__, examples=EXAMPLES, common=COMMON)
+    add_rig_options(parser, "as the noise requires, within --averaging")
+    _add_measurement(parser.add_argument_group("measurement"))
+    _add_files(parser.add_argument_group("files"))
     return parser
+
+
+def _add_measurement(group: Arguments) -> None:
+    group.add_argument(
+        "--preview", action="store_true", help="aim, focus and expose with a live picture before the measurement"
+    )
+    group.add_argument(
+        "--pictures",
+        type=_count,
+        metavar="N",
+        help="measure with N pictures in all, the most important first; at least 9, or 13 for projectors above 256 "
+        "pixels (default: as many as --scheme needs)",
+    )
+    group.add_argument("--scheme", choices=SCHEMES, help="choose the patterns (default hierarchical)")
+    group.add_argument(
+        "--threshold",
+        metavar="N|radiance=R",
+        help="ignore light below N times the noise, or below the radiance R (default 4)",
+    )
+    group.add_argument(
+        "--tile", type=int, metavar="PIXELS", help="set the window side of --scheme multiplexed (default: measured)"
+    )
+    group.add_argument(
+        "--averaging",
+        type=_minutes,
+        metavar="MINUTES",
+        help=f"repeat captures against noise while the acquisition takes at most this; 0: never (default {MINUTES:g})",
+    )
+    add_tolerance(group)
+
+
+def _add_files(group: Arguments) -> None:
+    add_room_options(group, "measured")
+    group.add_argument(
+        "--captures", type=Path, metavar="FOLDER", help="keep the captures here (default OUTPUT.captures)"
+    )
+    group.add_argument(
+        "--reuse-captures", action="store_true", help="make the room again from the captures, without photographing"
+    )
+    group.add_argument("--report", type=Path, metavar="FOLDER", help="write the report here (default OUTPUT.report)")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, run, tell
+from counterlight.command import Arguments, Parser, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES
 from counterlight.tools.cluster_option import add_cluster, workers_of
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from counterlight.tools.inverse.build import BuiltRoom
     from counterlight.tools.inverse.near_light import InverseOptions
     from counterlight.tools.transport.objective import ObjectiveOptions
+
+EXAMPLES = "counterlight build room", "counterlight build room --inverse whole --report room.build"
+COMMON = "--inverse", "--regularize", "--max-error", "--colour", "--outside", "--drift", "--report"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -115,91 +118,96 @@ def _parameters(options: argparse.Namespace) -> "Parameters | None":
     return Parameters(radius, tau_1, 1.0 if tau_2 is None else tau_2)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser("build", description=__doc__)
-    parser.add_argument("calibration", type=Path, help="a calibration folder; correction/ is written into it")
-    parser.add_argument(
+def _parser() -> Parser:
+    parser = Parser("build", description=__doc__, examples=EXAMPLES, common=COMMON)
+    parser.add_argument("calibration", type=Path, help="calibration folder; the maps are written into it")
+    _add_inverse(parser.add_argument_group("inverse"))
+    objective = parser.add_argument_group("objective")
+    add_colour(objective)
+    add_objective_options(objective)
+    _add_output(parser.add_argument_group("output"))
+    _add_cut(parser.add_argument_group("clusters of --inverse cut and thesis"))
+    return parser
+
+
+def _add_inverse(group: Arguments) -> None:
+    group.add_argument(
         "--inverse",
         choices=INVERSES,
         default="auto",
-        help="T⁺ of the whole transport, of a transport that is cut into clusters, or none: direct mapping instead; "
-        "thesis: chapter 5 to the letter, for play --refine 0 (default auto: whole if a sample shows that it takes at "
-        "most a minute and half of the memory; else cut; else none; the last line names the choice and the reason)",
+        help="invert T as a whole, cut into clusters, or not at all (direct mapping); thesis: chapter 5 to the letter, "
+        "for play --refine 0; auto: whole within a minute and half of the memory, otherwise cut or none (default auto)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--regularize",
         type=_damping,
         default=None,
         metavar="auto|none|NUMBER",
-        help="damping λ as a fraction of the largest singular value (auto: the one with the least camera error after "
-        "the clamp; none: 0)",
+        help="damp the inverse by this fraction of the largest singular value; none: do not damp; auto: the "
+        "fraction with the least camera error (default auto)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--max-error",
         type=float,
         default=0.5,
         metavar="CODES",
-        help="leave out entries that change a pixel by at most this many 8-bit code values; 0 keeps all (default 0.5)",
+        help="drop entries that change a pixel by at most this many 8-bit code values; 0: keep all (default 0.5)",
     )
-    parser.add_argument(
-        "--max-cluster",
-        type=int,
-        metavar="PIXELS",
-        help="--inverse cut, into clusters of at most this many projector pixels: a smaller, less accurate map, above "
-        "all out of focus (default 1000; 200 with --inverse thesis)",
-    )
-    parser.add_argument(
-        "--radius",
-        type=float,
-        metavar="PIXELS",
-        help="cut by --tau-1 in neighbourhoods of this radius (thesis, Appendix A), in place of --max-cluster",
-    )
-    parser.add_argument(
-        "--tau-1",
-        type=float,
-        metavar="SHARE",
-        help="with --radius: connections of at most this share of their neighbourhood's strongest are cut",
-    )
-    parser.add_argument(
-        "--tau-2",
-        type=float,
-        metavar="SHARE",
-        help="with --radius: a projector pixel that was cut off gets back connections of at least this share of its "
-        "strongest (default 1)",
-    )
-    parser.add_argument(
-        "--method",
-        default="auto",
-        metavar="|".join(INVERSE_METHODS),
-        help="invert clusters whole, through windows, or as their sizes allow (default auto, which says what and why)",
-    )
-    parser.add_argument(
-        "--tau",
-        type=float,
-        metavar="SHARE",
-        help="with --inverse thesis: entries of T below this share of white are dropped, as an acquisition with this "
-        "threshold would have missed them (default 0.001 in rooms with far light, else 0)",
-    )
-    parser.add_argument(
+    group.add_argument(
         "--noise",
         type=float,
         default=0.0,
         metavar="SHARE",
-        help="relative noise of the measured transport (0.01 is 1 %%): with --regularize none, singular values that it "
-        "alone could make are left out (default: those below float32 rounding); auto damps at least as much",
+        help="state the relative noise of T, such as 0.01; singular values that can be noise are dropped or damped "
+        "(default 0)",
     )
-    add_colour(parser)
-    add_objective_options(parser)
-    parser.add_argument(
-        "--no-refine",
-        action="store_true",
-        help="leave out the maps that only refinement needs (counterlight play --refine)",
+    group.add_argument(
+        "--method",
+        default="auto",
+        metavar="|".join(INVERSE_METHODS),
+        help="invert clusters whole or through windows; auto: as their sizes allow (default auto)",
     )
-    parser.add_argument(
-        "--report", type=Path, metavar="FOLDER", help="also write a page with pictures of what was found, and its JSON"
+
+
+def _add_output(group: Arguments) -> None:
+    group.add_argument("--no-refine", action="store_true", help="leave out the maps that only play --refine needs")
+    group.add_argument("--report", type=Path, metavar="FOLDER", help="write a report with pictures and JSON here")
+    add_cluster(group, "solve the windows of the inverse")
+
+
+def _add_cut(group: Arguments) -> None:
+    group.add_argument(
+        "--max-cluster",
+        type=int,
+        metavar="PIXELS",
+        help="cut into clusters of at most this many projector pixels (default 1000; 200 with --inverse thesis)",
     )
-    add_cluster(parser, "windows of the inverse are solved")
-    return parser
+    group.add_argument(
+        "--radius",
+        type=float,
+        metavar="PIXELS",
+        help="cut in neighbourhoods of this radius instead of by --max-cluster (thesis, Appendix A); needs --tau-1",
+    )
+    group.add_argument(
+        "--tau-1",
+        type=float,
+        metavar="SHARE",
+        help="with --radius: cut connections of at most this share of the strongest in their neighbourhood",
+    )
+    group.add_argument(
+        "--tau-2",
+        type=float,
+        metavar="SHARE",
+        help="with --radius: reconnect an isolated pixel by connections of at least this share of its strongest "
+        "(default 1)",
+    )
+    group.add_argument(
+        "--tau",
+        type=float,
+        metavar="SHARE",
+        help="with --inverse thesis: drop entries of T below this share of white (default 0.001 with far light, "
+        "otherwise 0)",
+    )
 
 
 if __name__ == "__main__":

@@ -62,8 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str] | None) -> int:
-    parser = Parser("doctor", description="Says what this machine has and what is missing.")
-    parser.add_argument("--json", action="store_true", help="the same as JSON")
+    parser = Parser("doctor", description="Check what this machine has, what is missing, and how to install it.")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
     options = parser.parse_args(argv)
     findings = examine()
     ready = all(finding.state != "missing" for finding in findings)

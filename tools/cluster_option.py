@@ -1,20 +1,20 @@
 """The option --cluster of several commands, which lets many machines share the work (counterlight/jobs)."""
 
-import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from counterlight.command import Arguments
 from counterlight.jobs.workers import Workers
 
 
-def add_cluster(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add --cluster; `what` describes the shared work in the help text."""
+def add_cluster(parser: Arguments, what: str) -> None:
+    """Add --cluster; `what` names the shared work in the help text, such as `trace the scene`."""
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
-        help=f"{what} by the workers of a dask scheduler, HOST:PORT, or local:N by processes of this machine; with the "
-        "same result (extra cluster, docs/size.md)",
+        help=f"{what} on the dask scheduler at HOST:PORT, or in N local processes with local:N (extra cluster, "
+        "docs/size.md; default: in this process)",
     )
 
 

@@ -1,6 +1,5 @@
-"""counterlight compensate: one picture by a CPU solver, and what the camera sees; the player's reference."""
+"""counterlight compensate: compute a projector picture by solvers on the processor, and predict the camera picture."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +9,22 @@ from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options, aims_of
 
-MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; triangulated: between three of them; map:
-the correction map, as the player applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that
-a projector can show (0 to 1). All are clamped to 0..1 and judged through the undecomposed transport, over the lit
-camera pixels."""
+MEANING = """solvers:
+  none          no compensation
+  direct        one camera pixel per projector pixel
+  triangulated  interpolation between three camera pixels
+  map           the correction map, as the player applies it
+  qr, svd       least squares per cluster
+  nnls          least squares per cluster, drive not negative
+  box           least squares with drive from 0 to 1, the best that a projector can show
+
+All results are clamped to 0..1, and judged by the whole transport over the lit camera pixels."""
+
+EXAMPLES = (
+    "counterlight compensate room picture.png -o projector.png",
+    "counterlight compensate room picture.png --solver all",
+)
+COMMON = "--solver", "--output", "--white"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,40 +46,45 @@ def _main(argv: Sequence[str] | None) -> None:
         print(line, flush=True)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser("compensate", description=__doc__, epilog=MEANING)
-    parser.add_argument("calibration", type=Path, help="a calibration folder")
+def _parser() -> Parser:
+    parser = Parser("compensate", description=f"{__doc__}\n\n{MEANING}", examples=EXAMPLES, common=COMMON)
+    parser.add_argument("calibration", type=Path, help="calibration folder")
     parser.add_argument(
-        "picture", type=Path, help="what the camera is to see, fitted into its frame; .exr is radiance, pixel by pixel"
+        "picture",
+        type=Path,
+        help="target picture, fitted into the camera's view; .exr: camera radiance, pixel by pixel",
     )
-    parser.add_argument(
+    add = parser.add_argument
+    add(
         "--solver",
         default="box",
         metavar="NAME[,NAME…]",
-        help=f"all, or some of {', '.join(COMPENSATIONS)} (default box)",
+        help=f"compute the projector picture by these solvers: all, or {', '.join(COMPENSATIONS)} (default box)",
     )
-    parser.add_argument(
+    add(
         "-o",
         "--output",
         type=Path,
         metavar="FILE",
-        help=".png (the projector's code values) or .exr (linear drive); with several solvers FILE-solver.png",
+        help="write the projector picture: .png (code values) or .exr (linear drive); several solvers write "
+        "FILE-solver.png",
     )
-    parser.add_argument(
+    add("--white", type=float, metavar="RADIANCE", help="set the radiance of a white picture (default: the player's)")
+    add(
         "--max-cluster",
         type=int,
         metavar="N",
-        help="for qr, svd and nnls: decompose T into clusters of up to N pixels",
+        help="for qr, svd and nnls: cut T into clusters of at most N pixels (default: do not cut)",
     )
-    parser.add_argument("--white", type=float, metavar="RADIANCE", help="of a white picture (default: as the player)")
     add_colour(parser)
-    parser.add_argument(
+    objective = parser.add_argument_group("objective of box")
+    objective.add_argument(
         "--priors",
         action="store_true",
-        help="box seeks what play seeks, with weights and priors, instead of least squares alone; the next three "
-        "options ask for it, too",
+        help="minimise what the player minimises, with weights and priors, instead of plain least squares; implied by "
+        "the next three options",
     )
-    add_objective_options(parser)
+    add_objective_options(objective)
     return parser
 
 

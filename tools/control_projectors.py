@@ -1,4 +1,4 @@
-"""counterlight projector: switch projectors on and off by the network (PJLink), and ask how they are."""
+"""counterlight projector: switch projectors on and off over the network (PJLink), or print their state."""
 
 import argparse
 import sys
@@ -53,12 +53,20 @@ def _password(path: Path) -> str:
         raise InputError(f"{path}: no UTF-8 text; {FIX}") from None
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     parser = Parser("projector", description=__doc__)
-    parser.add_argument("action", choices=("status", "on", "off"))
-    parser.add_argument("projectors", nargs="*", type=_address, metavar="HOST[:PORT]", help=f"port {PORT} if left out")
-    parser.add_argument("--password-file", type=Path, metavar="FILE", help="holds the password of those projectors")
-    parser.add_argument("--schedule", type=Path, metavar="FILE", help="the projectors that it names, too")
+    parser.add_argument("action", choices=("status", "on", "off"), help="print the state, switch on, or switch off")
+    parser.add_argument(
+        "projectors",
+        nargs="*",
+        type=_address,
+        metavar="HOST[:PORT]",
+        help=f"addresses of projectors (default port {PORT})",
+    )
+    parser.add_argument(
+        "--password-file", type=Path, metavar="FILE", help="read the password of these projectors from this file"
+    )
+    parser.add_argument("--schedule", type=Path, metavar="FILE", help="include the projectors of this schedule")
     return parser
 
 

@@ -1,6 +1,5 @@
-"""counterlight fit-response: a projector's response from measured grey levels, for --response of the other commands."""
+"""counterlight fit-response: fit a projector's response to measured grey levels, for --response of other verbs."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,21 +26,23 @@ def _main(argv: Sequence[str] | None) -> None:
     print(f"{options.output}: {len(levels)} readings, {fitted}")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     parser = Parser("fit-response", description=__doc__)
     parser.add_argument(
         "source",
         type=Path,
-        help="a table with the columns level,red,green,blue or level,grey (.csv; levels 0 to 255, linear light), or a "
-        "folder of pictures named by their level (ramp_000.png … ramp_255.png; .png, .jpg, or .exr of merge-exposures)",
+        help="table with columns level,red,green,blue or level,grey (.csv; levels 0 to 255, linear light), or folder "
+        "of pictures named by their level, such as ramp_128.png (.png, .jpg or .exr)",
     )
     parser.add_argument(
         "--camera-response",
         default="linear",
         metavar="linear|srgb|GAMMA|FILE.toml",
-        help="of .png and .jpg pictures (default linear)",
+        help="undo this curve of the camera in .png and .jpg pictures (default linear)",
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.toml")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE.toml", help="write the response to this file"
+    )
     return parser
 
 

@@ -1,6 +1,5 @@
-"""counterlight import-graycode: a calibration folder from photographs of Gray-code patterns, by direct mapping."""
+"""counterlight import-graycode: make a calibration from photographs of Gray-code patterns, by direct mapping."""
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -39,38 +38,44 @@ def _main(argv: Sequence[str] | None) -> None:
         print(ASSUMED_LINE)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     parser = Parser("import-graycode", description=__doc__)
     parser.add_argument("captures", type=Path, help="folder of the captures, PNG or JPEG")
-    parser.add_argument("--projector", type=parse_size, required=True, metavar="WIDTHxHEIGHT")
+    parser.add_argument(
+        "--projector", type=parse_size, required=True, metavar="WxH", help="state the projector's size in pixels"
+    )
     parser.add_argument(
         "--order",
         choices=GRAYCODE_ORDERS,
-        help="opencv: columns, rows, white, black, each bit followed by its inverse, by sorted names; sltk: names such "
-        "as 04_x_bit08_pos (default: read off the names)",
+        help="state the order of the captures. opencv: sorted names for columns, rows, white and black, each bit "
+        "followed by its inverse. sltk: names such as 04_x_bit08_pos (default: found from the names)",
     )
     parser.add_argument(
-        "--step", type=int, default=1, metavar="PIXELS", help="projector pixels a side of a code cell (default 1)"
+        "--step",
+        type=int,
+        default=1,
+        metavar="PIXELS",
+        help="state the side of a code cell in projector pixels (default 1)",
     )
     parser.add_argument(
         "--min-contrast",
         type=float,
         default=5.0,
         metavar="CODES",
-        help="least difference of a pattern and its inverse, in 8-bit code values (default 5)",
+        help="ignore camera pixels where a pattern and its inverse differ by less, in 8-bit code values (default 5)",
     )
     parser.add_argument(
         "--fill-radius",
         type=int,
         default=4,
         metavar="CELLS",
-        help="fill gaps of up to twice this width between decoded projector pixels; 0 fills none (default 4)",
+        help="fill gaps of up to twice this width between decoded projector pixels; 0: fill none (default 4)",
     )
     parser.add_argument(
         "--camera-response",
         default="linear",
         metavar="linear|srgb|GAMMA|FILE.toml",
-        help="the light for a code value of the captures (default linear)",
+        help="undo this curve of the camera (default linear)",
     )
     add_room_options(parser)
     return parser

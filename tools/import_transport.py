@@ -1,6 +1,5 @@
-"""counterlight import-transport: a calibration folder from light transport matrices that somebody else measured."""
+"""counterlight import-transport: make a calibration from light transport matrices that were measured elsewhere."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +38,7 @@ def _main(argv: Sequence[str] | None) -> None:
         print(ASSUMED_LINE)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     parser = Parser("import-transport", description=__doc__)
     for channel in ("red", "green", "blue"):
         parser.add_argument(
@@ -47,15 +46,23 @@ def _parser() -> argparse.ArgumentParser:
             type=Path,
             required=True,
             metavar="FILE.npz",
-            help=f"T of the {channel} channel: scipy.sparse.save_npz, camera pixels x projector pixels",
+            help=f"read T of the {channel} channel: scipy.sparse.save_npz, camera pixels x projector pixels",
         )
-    parser.add_argument("--camera", type=parse_size, required=True, metavar="WIDTHxHEIGHT")
-    parser.add_argument("--projector", type=parse_size, required=True, metavar="WIDTHxHEIGHT")
+    for device in ("camera", "projector"):
+        parser.add_argument(
+            f"--{device}", type=parse_size, required=True, metavar="WxH", help=f"state the {device}'s size in pixels"
+        )
     parser.add_argument(
-        "--ambient", type=Path, metavar="FILE", help="camera picture with a black projector, .exr or .npy (default 0)"
+        "--ambient",
+        type=Path,
+        metavar="FILE",
+        help="read the camera picture of a black projector, .exr or .npy (default 0)",
     )
     parser.add_argument(
-        "--mask", type=Path, metavar="FILE.png", help="white where a camera pixel counts (default: the lit pixels)"
+        "--mask",
+        type=Path,
+        metavar="FILE.png",
+        help="count only camera pixels that are white here (default: lit pixels)",
     )
     add_tolerance(parser)
     add_room_options(parser)

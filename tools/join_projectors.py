@@ -1,8 +1,8 @@
-"""counterlight join: one calibration of several projectors that one camera saw, or of cameras that saw the same ones;
-or, with --at, a set of views of one room, for viewers that move.
+"""counterlight join: join calibrations of several projectors, of several cameras, or of several views of one room.
 
---cameras joins rooms as cameras. Without it, this also happens if the rooms have the same projectors, and cameras of
-different sizes or monitors of the same names.
+By default, rooms are joined as projectors that one camera saw. --cameras joins them as cameras that saw the same
+projectors. This is also the default for rooms with the same projectors whose cameras differ in size, or whose monitors
+have the same names. --at joins rooms as views, for viewers that move.
 """
 
 import argparse
@@ -63,16 +63,18 @@ def _place(text: str) -> tuple[float, float]:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("join", description=__doc__)
     parser.add_argument("rooms", type=Path, nargs="+", metavar="ROOM", help="calibration folders, from left to right")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the joint calibration")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FOLDER", help="write the joint calibration here"
+    )
     parser.add_argument(
         "--monitor",
         action="append",
         default=[],
         metavar="NAME",
-        help="the monitor that a projector is, once for each in their order (counterlight play --list-monitors)",
+        help="name the monitor of each projector, in their order (counterlight play --list-monitors); may be repeated",
     )
     parser.add_argument(
-        "--cameras", action="store_true", help="the rooms are the same projectors seen by several cameras"
+        "--cameras", action="store_true", help="join rooms that show the same projectors to several cameras"
     )
     parser.add_argument(
         "--at",
@@ -80,21 +82,22 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="X[,Y]",
-        help="the rooms are views of one room from different places, once for each in their order, in any unit: "
-        "counterlight play --viewpoint is between them",
+        help="join rooms that are views of one room, and place each view, in their order and in any unit; may be "
+        "repeated (see counterlight play --viewpoint)",
     )
     parser.add_argument(
         "--screen",
         choices=SCREENS,
         default=SCREENS[0],
-        help="whose view cameras share: the first camera's (default) or projector's, which needs no overlap",
+        help="combine cameras in the view of the first camera, or of the first projector, which needs no overlap "
+        "(default camera)",
     )
     parser.add_argument(
-        "--keep-exposures", action="store_true", help="do not match the cameras' light where they overlap"
+        "--keep-exposures", action="store_true", help="do not match the cameras' brightness where they overlap"
     )
     add_tolerance(parser)
-    parser.add_argument("--name", help="what to call it (default: the folder's name)")
-    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
+    parser.add_argument("--name", help="name the room (default: as the folder)")
+    parser.add_argument("--force", action="store_true", help="replace an existing calibration")
     return parser
 
 

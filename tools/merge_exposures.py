@@ -1,4 +1,4 @@
-"""counterlight merge-exposures: a radiance map from photographs of one scene with different exposure times."""
+"""counterlight merge-exposures: merge photographs of one scene with different exposure times into a radiance map."""
 
 import argparse
 import sys
@@ -32,33 +32,37 @@ def _main(argv: Sequence[str] | None) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("merge-exposures", description=__doc__)
-    parser.add_argument("pictures", type=Path, nargs="+", help="PNG, JPEG or camera RAW, from one fixed camera")
+    parser.add_argument("pictures", type=Path, nargs="+", help="photographs by a fixed camera: PNG, JPEG or camera RAW")
     parser.add_argument(
         "--times",
         type=_seconds,
         nargs="+",
         metavar="SECONDS",
-        help="exposure time of each picture, such as 0.125 or 1/8 (default: from the pictures' EXIF)",
+        help="set the exposure time of each picture, such as 0.125 or 1/8 (default: from EXIF)",
     )
     parser.add_argument(
         "--response",
         metavar="debevec|robertson|linear|srgb|GAMMA|FILE.toml",
-        help="the camera's: recovered from the bracket by one of two methods, or known (default debevec; RAW: linear)",
+        help="undo this curve of the camera; debevec and robertson recover it from the pictures (default debevec; RAW: "
+        "linear)",
     )
-    parser.add_argument("--save-response", type=Path, metavar="FILE.toml", help="write the response, too")
+    parser.add_argument("--save-response", type=Path, metavar="FILE.toml", help="also write the response to this file")
     parser.add_argument(
         "--method",
         default="debevec",
         choices=MERGES,
-        help="mean of log radiance; most likely radiance; mean of shots of one exposure (default debevec)",
+        help="merge by the mean of log radiance (debevec), the most likely radiance (robertson), or the mean of shots "
+        "of one exposure (average) (default debevec)",
     )
     parser.add_argument(
         "--weighting",
         choices=WEIGHTINGS,
-        help="trust in a code value (default: hat for debevec, gaussian for robertson)",
+        help="weight code values by this curve (default: hat for debevec, gaussian for robertson)",
     )
-    parser.add_argument("--gpu", action="store_true", help="merge in OpenGL")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.exr")
+    parser.add_argument("--gpu", action="store_true", help="merge with OpenGL")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE.exr", help="write the radiance map here"
+    )
     return parser
 
 

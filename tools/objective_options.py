@@ -3,6 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
+from counterlight.command import Arguments
 from counterlight.tools.choices import OUTSIDE
 
 if TYPE_CHECKING:
@@ -15,23 +16,23 @@ def aims_of(options: argparse.Namespace) -> "ObjectiveOptions":
     return ObjectiveOptions(options.drift, options.outside, options.avoid_highlights)
 
 
-def add_objective_options(parser: argparse.ArgumentParser) -> None:
+def add_objective_options(parser: Arguments) -> None:
     parser.add_argument(
         "--outside",
         choices=OUTSIDE,
         default=OUTSIDE[0],
-        help="what projector pixels show that the camera does not see: nothing (default), or a smooth continuation",
+        help="show black or a smooth continuation outside the camera's view (default black)",
     )
     parser.add_argument(
         "--drift",
         type=float,
         default=0.05,
         metavar="PIXELS",
-        help="how far the projector's picture may shift, in its pixels: neighbours then differ less (default 0.05)",
+        help="tolerate a shift of the projector picture by this much; larger values give smoother pictures (default "
+        "0.05)",
     )
     parser.add_argument(
         "--avoid-highlights",
         action="store_true",
-        help="of several projectors: where the camera sees one's light by gloss, let another give it: who "
-        "stands elsewhere sees a dark spot there otherwise",
+        help="with several projectors: light a glossy spot from a projector whose highlight the camera does not see",
     )

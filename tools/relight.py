@@ -1,4 +1,4 @@
-"""relight: what a measured room looks like under a picture, from the camera or from the projector's place."""
+"""counterlight relight: compute how a room looks under a picture, from the camera or from the projector's place."""
 
 import argparse
 import math
@@ -10,9 +10,13 @@ from counterlight.command import Parser, run
 from counterlight.tools.choices import RELIT_VIEWS
 from counterlight.tools.colour.option import add_colour
 
-MEANING = """camera: T p + e, the room under a projector picture; dual: Tᵀ c', the scene from the projector's
-place, lit by the camera; inverse-camera: the column sums of T⁺ in camera space; inverse-dual: T⁺ c', what the projector
-must show for the camera to see c'. Without PICTURE it is white. The inverse views need a correction map."""
+MEANING = """views:
+  camera          T p + e, the room under a projector picture
+  dual            Tᵀ c', the scene from the projector's place, lit by the camera
+  inverse-camera  column sums of T⁺, in the camera's view
+  inverse-dual    T⁺ c', the projector picture that makes the camera see c'
+
+The inverse views need a correction map."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,8 +34,8 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("relight", description=__doc__, epilog=MEANING)
-    parser.add_argument("calibration", type=Path, help="a calibration folder")
+    parser = Parser("relight", description=f"{__doc__}\n\n{MEANING}")
+    parser.add_argument("calibration", type=Path, help="calibration folder")
     parser.add_argument(
         "picture",
         type=Path,
@@ -39,16 +43,20 @@ def _parser() -> argparse.ArgumentParser:
         help="projector picture (camera views) or camera picture (dual views), fitted into the frame; .exr is linear, "
         "pixel by pixel (default: white)",
     )
-    parser.add_argument("--view", choices=RELIT_VIEWS, default="camera", help="what to show (default camera)")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".png (sRGB) or .exr (linear)")
+    parser.add_argument("--view", choices=RELIT_VIEWS, default="camera", help="choose the view (default camera)")
     parser.add_argument(
-        "--ambient", action=argparse.BooleanOptionalAction, help="with ambient light (camera view; default: yes)"
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="write the view: .png (sRGB) or .exr (linear)"
+    )
+    parser.add_argument(
+        "--ambient",
+        action=argparse.BooleanOptionalAction,
+        help="include the ambient light in the view camera (default yes)",
     )
     parser.add_argument(
         "--white",
         type=_level,
         metavar="LEVEL",
-        help="the linear value that a PNG shows as white (default: the picture's 99th percentile)",
+        help="show this linear value as white in a PNG (default: the 99th percentile)",
     )
     add_colour(parser)
     return parser

@@ -124,9 +124,14 @@ def _or_stop(code: int) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("example", description=__doc__)
-    parser.add_argument("--scene", type=parse_scene, default="corner", help="a shipped one, or a file (default corner)")
     parser.add_argument(
-        "--folder", type=Path, default=Path("example"), help="for the room and pictures (default example)"
+        "--scene",
+        type=parse_scene,
+        default="corner",
+        help="simulate this scene: a shipped one, or a file (default corner)",
+    )
+    parser.add_argument(
+        "--folder", type=Path, default=Path("example"), help="write the room and the pictures here (default example)"
     )
     return parser
 

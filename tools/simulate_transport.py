@@ -1,4 +1,4 @@
-"""counterlight simulate: a calibration folder from a described room, with only the effects that it calls for."""
+"""counterlight simulate: compute the calibration of a described room, with only the effects that matter in it."""
 
 import argparse
 import sys
@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, parse_decibels, parse_size, run
+from counterlight.command import Arguments, Parser, parse_decibels, parse_size, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import BLUR_TOLERANCE
 from counterlight.tools.cluster_option import add_cluster, workers_of
-from counterlight.tools.shipped import parse_scene
+from counterlight.tools.shipped import parse_scene, shipped_scenes
 
 if TYPE_CHECKING:
     from counterlight.jobs.workers import Workers
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from counterlight.tools.simulation.simulate import Simulated
 
 
-BLURRED = "rows of T that are too long for maps, far out of focus at many pixels, become blocks of projector pixels"
+EXAMPLES = "counterlight simulate corner -o room", "counterlight simulate scene.toml --explain --within 0.1dB -o room"
+COMMON = "--output", "--camera", "--projector", "--force", "--explain", "--within", "--without"
+BLURRED = "join projector pixels to blocks where the picture is far out of focus,"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -69,31 +71,47 @@ def _simulated(options: argparse.Namespace, workers: "Workers | None") -> "tuple
     return scene, results
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser("simulate", description=__doc__)
+def _parser() -> Parser:
+    parser = Parser("simulate", description=__doc__, examples=EXAMPLES, common=COMMON)
     parser.add_argument(
-        "scene", type=parse_scene, metavar="SCENE", help="the room: a file, or the name of a shipped one"
+        "scene",
+        type=parse_scene,
+        metavar="SCENE",
+        help=f"scene file, or a shipped scene: {', '.join(shipped_scenes())}",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="the calibration folder")
-    parser.add_argument("--camera", type=parse_size, metavar="WxH", help="camera pixels, instead of the scene's")
-    parser.add_argument("--projector", type=parse_size, metavar="WxH", help="projector pixels, instead of the scene's")
-    parser.add_argument(
+    add = parser.add_argument
+    add("-o", "--output", type=Path, metavar="FOLDER", help="write the calibration here")
+    add("--camera", type=parse_size, metavar="WxH", help="set the camera's size in pixels (default: the scene's)")
+    add("--projector", type=parse_size, metavar="WxH", help="set the projector's size in pixels (default: the scene's)")
+    add("--force", action="store_true", help="replace an existing calibration")
+    _add_effects(parser.add_argument_group("effects"))
+    _add_computation(parser.add_argument_group("computation"))
+    return parser
+
+
+def _add_effects(group: Arguments) -> None:
+    group.add_argument(
         "--explain",
         action="store_true",
-        help="say of every effect why it is on or off, what it costs, and what it is worth in dB of the final picture",
+        help="print for each effect why it is on or off, its cost, and its worth in dB of the final picture",
     )
-    parser.add_argument(
+    group.add_argument(
         "--within",
         type=parse_decibels,
         metavar="DB",
-        help="leave out what costs and is worth no more than this of the final picture in all, such as 0.1dB",
+        help="leave out costly effects that are together worth at most this, such as 0.1dB (default: leave out none)",
     )
-    parser.add_argument("--without", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave effects out")
-    parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave all others out")
-    add_tolerance(parser, BLURRED, BLUR_TOLERANCE)
-    add_cluster(parser, "bands of the camera's picture are traced")
-    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
-    return parser
+    group.add_argument(
+        "--without", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave out these effects"
+    )
+    group.add_argument(
+        "--only", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave out all other effects"
+    )
+
+
+def _add_computation(group: Arguments) -> None:
+    add_tolerance(group, BLURRED, BLUR_TOLERANCE)
+    add_cluster(group, "trace the camera picture")
 
 
 if __name__ == "__main__":

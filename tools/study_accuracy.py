@@ -1,6 +1,5 @@
-"""counterlight study: what accuracy costs in time, measured on scenes and calibrations; figures, plots and a report."""
+"""counterlight study: measure what accuracy costs in time, in scenes and calibrated rooms, and write a report."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,9 @@ from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.writing.outputs import check_folder
+
+EXAMPLES = "counterlight study room --size 160x120", "counterlight study --scenes corner glass -o report"
+COMMON = "--output", "--scenes", "--pictures", "--size", "--patience"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,48 +40,56 @@ def _seconds(text: str) -> float:
     return at_least_0(text, f"expected a number of seconds, 0 or more, found {text!r}")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser("study", description=__doc__)
+def _parser() -> Parser:
+    parser = Parser("study", description=__doc__, examples=EXAMPLES, common=COMMON)
     parser.add_argument(
         "rooms",
         nargs="*",
         type=Path,
-        metavar="CALIBRATION_OR_SCENE",
-        help="calibration folders and scene files (default: the shipped scenes)",
+        metavar="ROOM",
+        help="calibration folders or scene files (default: shipped scenes)",
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("study"), metavar="FOLDER", help="the report (default study)"
+    add = parser.add_argument
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("study"),
+        metavar="FOLDER",
+        help="write the report here (default study)",
     )
-    parser.add_argument(
+    add(
+        "--scenes",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help=f"study these shipped scenes: {', '.join(shipped_scenes())} (default: all, without ROOM)",
+    )
+    add(
+        "--pictures",
+        nargs="+",
+        default=USUAL_PICTURES,
+        metavar="NAME|FILE",
+        help=f"study these pictures: files, or {', '.join(STUDIED_PICTURES)}; the report shows the first two (default "
+        f"{' '.join(USUAL_PICTURES)})",
+    )
+    add(
         "--size",
         type=parse_size,
         default=(72, 96),
         metavar="WxH",
-        help="scenes' cameras are fitted into it (default 96x72)",
+        help="fit the cameras of scenes into this size (default 96x72)",
     )
-    parser.add_argument(
-        "--scenes", nargs="+", default=[], metavar="NAME", help=f"shipped scenes: {', '.join(shipped_scenes())}"
-    )
-    parser.add_argument(
-        "--pictures",
-        nargs="+",
-        default=USUAL_PICTURES,
-        metavar="NAME_OR_FILE",
-        help=f"of {', '.join(STUDIED_PICTURES)}, or files (default {' '.join(USUAL_PICTURES)});"
-        " the first two are shown in the report",
-    )
-    parser.add_argument(
+    add(
         "--patience",
         type=_seconds,
         default=10.0,
         metavar="SECONDS",
-        help="turn knobs of the uncut inverse only where computing it takes at most this (default 10)",
+        help="vary the parameters of the whole inverse only where it takes at most this (default 10)",
     )
-    parser.add_argument(
-        "--table-6-1", action="store_true", help="also measure the thesis' scenes at its sizes (takes longer)"
-    )
+    add("--table-6-1", action="store_true", help="also measure the scenes of the thesis at its sizes; takes longer")
     add_colour(parser)
-    add_cluster(parser, "rooms are opened and methods tried")
+    add_cluster(parser, "measure the rooms")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""counterlight: light transport measured or simulated, inverted, and played through.
+"""counterlight: measure or simulate the light transport of a room, invert it, and play through the inverse.
 
 One command with verbs; each verb is a module, which is imported on demand.
 """
@@ -7,7 +7,6 @@ import importlib
 import os
 import shlex
 import sys
-from argparse import RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.metadata import version
@@ -28,21 +27,21 @@ class Verb(NamedTuple):
 
 VERBS = {
     "play": Verb("app", "show media in a room, as they are meant to be seen"),
-    "simulate": Verb("tools.simulate_transport", "a room from a described scene"),
-    "acquire": Verb("tools.acquire_transport", "a room measured with a projector and a camera"),
-    "import-transport": Verb("tools.import_transport", "a room from matrices that were measured elsewhere"),
-    "import-graycode": Verb("tools.import_graycode", "a room from photographs of Gray-code patterns"),
-    "join": Verb("tools.join_projectors", "a room of several projectors, from a room of each"),
-    "build": Verb("tools.build_correction_map", "a room's correction map, which the player needs"),
-    "verify": Verb("tools.verify_projection", "project a picture, photograph it, compare"),
-    "compensate": Verb("tools.compensate_image", "one picture by a CPU solver: the reference"),
-    "relight": Verb("tools.relight", "what a room looks like under a picture, from either side"),
-    "merge-exposures": Verb("tools.merge_exposures", "a radiance map from a bracket of photographs"),
-    "fit-response": Verb("tools.fit_projector_response", "a projector's response from measured grey levels"),
-    "projector": Verb("tools.control_projectors", "switch projectors on and off, and ask how they are"),
-    "study": Verb("tools.study_accuracy", "what accuracy costs in time, in any room"),
-    "example": Verb("tools.show_example", "a room, its map and a clip, before and after"),
-    "doctor": Verb("tools.check_machine", "what this machine has, and what is missing"),
+    "simulate": Verb("tools.simulate_transport", "compute a room from a described scene"),
+    "acquire": Verb("tools.acquire_transport", "measure a room with projectors and cameras"),
+    "import-transport": Verb("tools.import_transport", "make a room from matrices that were measured elsewhere"),
+    "import-graycode": Verb("tools.import_graycode", "make a room from photographs of Gray-code patterns"),
+    "join": Verb("tools.join_projectors", "join rooms of several projectors, cameras or views"),
+    "build": Verb("tools.build_correction_map", "compute the correction map, which the player needs"),
+    "verify": Verb("tools.verify_projection", "check a room, or a compensated picture, with its camera"),
+    "compensate": Verb("tools.compensate_image", "compute one projector picture by reference solvers"),
+    "relight": Verb("tools.relight", "compute how a room looks under a picture"),
+    "merge-exposures": Verb("tools.merge_exposures", "merge photographs into a radiance map"),
+    "fit-response": Verb("tools.fit_projector_response", "fit a projector's response to measured grey levels"),
+    "projector": Verb("tools.control_projectors", "switch projectors on and off, or print their state"),
+    "study": Verb("tools.study_accuracy", "measure what accuracy costs in time"),
+    "example": Verb("tools.show_example", "show a film in a shipped room, before and after"),
+    "doctor": Verb("tools.check_machine", "check what this machine has, and what is missing"),
 }
 
 
@@ -84,8 +83,8 @@ def _main(argv: Sequence[str] | None) -> int:
 
 def _completion(words: Sequence[str]) -> str:
     """Returns the text that a shell evaluates at startup: `eval "$(counterlight completion bash)"`."""
-    parser = Parser("completion", description="Prints what a shell runs to complete verbs, options and files.")
-    parser.add_argument("shell", choices=SHELLS)
+    parser = Parser("completion", description="Print the shell code that completes verbs, options and files.")
+    parser.add_argument("shell", choices=SHELLS, help="shell that runs the code")
     shell = parser.parse_args(words).shell
     from argcomplete.shell_integration import shellcode
 
@@ -110,12 +109,18 @@ def _being_completed() -> list[str]:
 
 def _parser() -> Parser:
     lines = [f"  {name:<18}{verb.purpose}" for name, verb in VERBS.items()]
-    lines.append(f"  {'completion':<18}what {', '.join(SHELLS)} run to complete verbs and options")
-    parser = Parser("", description=_described(lines), formatter_class=RawDescriptionHelpFormatter)
+    lines.append(f"  {'completion':<18}print the shell code that completes verbs and options")
+    parser = Parser("", description=_described(lines))
     parser.add_argument(
-        "verb", nargs="?", choices=[*VERBS, "completion"], metavar="VERB", help="see counterlight VERB --help"
+        "verb",
+        nargs="?",
+        choices=[*VERBS, "completion"],
+        metavar="VERB",
+        help="one of the verbs above; counterlight VERB --help explains it",
     )
-    parser.add_argument("--version", action="version", version=f"counterlight {version('counterlight')}")
+    parser.add_argument(
+        "--version", action="version", version=f"counterlight {version('counterlight')}", help="print the version"
+    )
     return parser
 
 

@@ -1,4 +1,4 @@
-"""counterlight verify: is the room as it was calibrated, and does the compensated picture arrive?
+"""counterlight verify: check whether the room is as it was calibrated, and how well a compensated picture arrives.
 
 Cameras must stand where they stood for the calibration, with the same settings; all projectors and cameras take part.
 A moved projector picture, a dimmed lamp and changed room light are found and corrected. counterlight play uses the
@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, run, tell
+from counterlight.command import Arguments, Parser, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
@@ -32,6 +32,14 @@ if TYPE_CHECKING:
     from counterlight.tools.acquisition.verify import Verification, Verified, Wanted
     from counterlight.tools.transport.transport import Transport
 
+EXAMPLES = (
+    "counterlight verify room --camera v4l2:0 --monitor HDMI-1",
+    "counterlight verify room picture.png --camera v4l2:0 --rounds 2 -o seen",
+)
+COMMON = (
+    *("--projector", "--monitor", "--window", "--exposures", "--no-correct", "--watch", "--control"),
+    *("--rounds", "--output", "--solver"),
+)
 LOST = 3  # exit code
 WATCH_S = 600.0
 
@@ -225,27 +233,52 @@ def _seconds(text: str) -> float:
     return seconds
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser("verify", description=__doc__)
-    parser.add_argument("calibration", type=Path, help="a calibration folder")
+def _parser() -> Parser:
+    parser = Parser("verify", description=__doc__, examples=EXAMPLES, common=COMMON)
+    parser.add_argument("calibration", type=Path, help="calibration folder")
     parser.add_argument(
-        "picture", type=Path, nargs="?", help="what the camera is to see; .exr is radiance; without: the room alone"
-    )
-    parser.add_argument("--solver", choices=VERIFIED, default="box", help="default box; map: as the player does it")
-    parser.add_argument("--rounds", type=_whole, default=0, metavar="N", help="of feedback (default 0)")
-    parser.add_argument("--repeats", type=_repeats, default=4, metavar="N", help="captures averaged (default 4)")
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="projected.png and what was seen of it")
-    add_colour(parser)
-    add_objective_options(parser)
-    parser.add_argument("--no-correct", action="store_true", help="say what has changed, and leave it")
-    parser.add_argument(
-        "--watch", type=_seconds, nargs="?", const=WATCH_S, metavar="SECONDS", help=f"again (default {WATCH_S:g} s)"
-    )
-    parser.add_argument(
-        "--control", type=Path, metavar="SOCKET", help="of a player that is to take the correction over"
+        "picture",
+        type=Path,
+        nargs="?",
+        help="target picture to project and compare; .exr: camera radiance (default: check the room only)",
     )
     add_rig_options(parser)
+    _add_check(parser.add_argument_group("check of the room"))
+    _add_picture(parser.add_argument_group("comparison with PICTURE"))
     return parser
+
+
+def _add_check(group: Arguments) -> None:
+    group.add_argument("--no-correct", action="store_true", help="report changes of the room, but do not correct them")
+    group.add_argument(
+        "--watch",
+        type=_seconds,
+        nargs="?",
+        const=WATCH_S,
+        metavar="SECONDS",
+        help=f"check again and again at this interval (default {WATCH_S:g} s; without --watch: once)",
+    )
+    group.add_argument("--control", type=Path, metavar="SOCKET", help="tell the player at this socket to reload")
+
+
+def _add_picture(group: Arguments) -> None:
+    group.add_argument(
+        "--rounds", type=_whole, default=0, metavar="N", help="improve the picture in N rounds of feedback (default 0)"
+    )
+    group.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="write the projected and captured pictures here"
+    )
+    group.add_argument(
+        "--solver",
+        choices=VERIFIED,
+        default="box",
+        help="compute the projector picture by the best solver (box), or as the player does (map; default box)",
+    )
+    group.add_argument(
+        "--repeats", type=_repeats, default=4, metavar="N", help="average N captures of the picture (default 4)"
+    )
+    add_colour(group)
+    add_objective_options(group)
 
 
 if __name__ == "__main__":

@@ -41,43 +41,43 @@ KEEP_OPEN = ("auto", "no", "yes", "always", "black")
 FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
 STEPS = Number(0, MOST_STEPS, whole=True, words=("auto",), noun="a number of steps")
 PARAMETERS = {
-    "speed": Parameter("media seconds a second", Number(0.01, 100), 1.0, "FACTOR"),
+    "speed": Parameter("play at this multiple of the normal speed", Number(0.01, 100), 1.0, "FACTOR"),
     "image-display-duration": Parameter(
-        "how long a picture is shown",
+        "show still pictures this long",
         Number(0.01, 1e6, words=("inf",), noun="seconds"),
         value="SECONDS|inf",
         unit="s",
-        unsaid=f"inf, in a list {LISTED_IMAGE_S:g}",
+        unsaid=f"inf, or {LISTED_IMAGE_S:g} in a list",
     ),
     "keep-open": Parameter(
-        "at the end: no, end; yes, pause on the last frame; always, that after every medium of a list; "
-        "black, hold black; auto, black in full screen, else no",
+        "choose what happens at the end of the list. no: the player ends. yes: it pauses on the last frame. "
+        "always: it pauses after every medium. black: it shows black. auto: black in full screen, otherwise no",
         Choice(KEEP_OPEN),
         "auto",
     ),
-    "fade": Parameter(
-        "from black at the start, to black at the end and for blackout", Number(0, 600), 0.0, "SECONDS", "s"
+    "fade": Parameter("fade from and to black", Number(0, 600), 0.0, "SECONDS", "s"),
+    "crossfade": Parameter("fade between two media", Number(0, 600), 0.0, "SECONDS", "s"),
+    "volume": Parameter("set the volume of the sound", Number(0, 130), 100.0, "PERCENT"),
+    "mute": Parameter("switch the sound off", FLAG, False),
+    "brightness": Parameter("adjust the brightness", CONTROL, 0),
+    "contrast": Parameter("adjust the contrast", CONTROL, 0),
+    "gamma": Parameter("adjust the gamma", CONTROL, 0),
+    "saturation": Parameter("adjust the saturation", CONTROL, 0),
+    "black-level": Parameter("raise black to this share of white", Number(0, 0.5), 0.0, "SHARE"),
+    "adapt": Parameter(
+        "scale each frame so that at most this share of its light clips; 0: never", Number(0, 100), 0.0, "PERCENT", "%"
     ),
-    "crossfade": Parameter("from a medium to the next", Number(0, 600), 0.0, "SECONDS", "s"),
-    "volume": Parameter("loudness of the sound in percent; an error without audio", Number(0, 130), 100.0, "PERCENT"),
-    "mute": Parameter("whether sound is off; an error without audio", FLAG, False),
-    "brightness": Parameter("as in mpv", CONTROL, 0),
-    "contrast": Parameter("as in mpv", CONTROL, 0),
-    "gamma": Parameter("as in mpv", CONTROL, 0),
-    "saturation": Parameter("as in mpv", CONTROL, 0),
-    "black-level": Parameter("share of white that black asks for", Number(0, 0.5), 0.0, "SHARE"),
-    "adapt": Parameter("percent of the light that may clip; 0 adapts nothing", Number(0, 100), 0.0, "PERCENT", "%"),
-    "flicker": Parameter("weight of the frame before, against flicker", Number(0, 0.95), 0.0, "WEIGHT"),
-    "clipping": Parameter("colour what clips", FLAG, False),
+    "flicker": Parameter("mix the previous frame in with this weight, against flicker", Number(0, 0.95), 0.0, "WEIGHT"),
+    "clipping": Parameter("mark in colour what the projector cannot show", FLAG, False),
     "target-peak": Parameter(
-        "cd/m² of HDR that the room's white stands for; 203 is graphics white",
+        "set the HDR luminance that the room's white stands for; 203 is graphics white",
         Number(50, 10_000, noun="cd/m²"),
         203.0,
         "NITS",
         "cd/m²",
     ),
     "hdr-peak": Parameter(
-        "cd/m² of the brightest light of an HDR medium; auto, as it says itself, else 1000",
+        "set the highest luminance of an HDR medium; auto: as its metadata says, otherwise 1000",
         Number(50, 10_000, words=("auto",), noun="cd/m²"),
         "auto",
         "auto|NITS",
@@ -85,36 +85,36 @@ PARAMETERS = {
         "auto",
     ),
     "tone-mapping": Parameter(
-        "how HDR is brought below white: bt.2390 bends what is bright, clip cuts it off",
+        "choose how HDR highlights are reduced to white. bt.2390: smoothly. clip: by cutting them off",
         Choice(TONE_MAPPINGS),
         "bt.2390",
     ),
     "lut-type": Parameter(
-        "native: a medium's codes become others of its own curve; conversion: of BT.1886 and BT.709",
+        "state what the table of --lut returns. native: colours in the medium's own space. conversion: BT.709 colours "
+        "with the curve of BT.1886",
         Choice(LUT_TYPES),
         "native",
     ),
     "viewpoint": Parameter(
-        "where the viewer stands among the views of a room that was seen from several places",
+        "set the places of the viewers, in a room with several views; all: one viewer at every view",
         Places("all", FARTHEST, MOST_VIEWS),
         "all",
         "all|X[,Y]",
-        unsaid="all: one viewer at every view",
+        unsaid="all",
     ),
-    "test-card": Parameter("test card instead of the picture", Choice(("no", *CARDS)), "no"),
-    "view": Parameter("what is shown", Choice(VIEWS), "projector"),
-    "compensation": Parameter("whether the room is compensated", FLAG, True),
+    "test-card": Parameter("show a test card instead of the media", Choice(("no", *CARDS)), "no"),
+    "view": Parameter("choose the view to show", Choice(VIEWS), "projector"),
+    "compensation": Parameter("compensate for the room", FLAG, True),
     "blackout": Parameter("show black", FLAG, False),
     "refine": Parameter(
-        "steps of refinement a frame; auto, as many as the time of a frame leaves",
+        "refine each frame in N steps; auto: in as many as its time allows",
         STEPS,
         value="N|auto",
         unit="steps",
-        unsaid="what the maps say, 4 to 16, in a window fewer\n"
-        "where frames would come too late; 0: the correction map alone",
+        unsaid="as the build found",
     ),
     "budget": Parameter(
-        "milliseconds that drawing a frame may take: start and steps are what fits",
+        "limit the time to draw a frame; start and steps are chosen to fit",
         Number(0.01, 1e6, words=("no",), noun="milliseconds"),
         "no",
         "MS",
@@ -122,7 +122,7 @@ PARAMETERS = {
         "no",
     ),
     "within": Parameter(
-        "dB below the best picture that are allowed: start and steps are the least that keep it",
+        "allow frames to be this much below the best picture; start and steps are the least that achieve it",
         Number(0.001, 100, words=("no",), noun="decibels"),
         "no",
         "DB",
@@ -130,10 +130,10 @@ PARAMETERS = {
         "no",
     ),
     "osd": Parameter(
-        "what is written over the picture. on: what keys change, and in a window what went wrong; "
-        "notices: that always; off: neither; auto: on in a window, off in full screen",
+        "choose the text over the picture. on: changes by keys, and problems in a window. notices: problems always. "
+        "off: none. auto: on in a window, off in full screen",
         Choice(OSD),
         "auto",
     ),
-    "fullscreen": Parameter("whether the monitor is filled", FLAG, False),
+    "fullscreen": Parameter("fill the monitor", FLAG, False),
 }

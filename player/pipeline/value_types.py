@@ -62,7 +62,11 @@ class Number:
     noun: str = ""
 
     def __str__(self) -> str:
-        return ", ".join((*self.words, f"from {self.low:g}" if self._endless else f"{self.low:g} to {self.high:g}"))
+        return ", ".join((*self.words, self.bounds))
+
+    @property
+    def bounds(self) -> str:
+        return f"from {self.low:g}" if self._endless else f"{self.low:g} to {self.high:g}"
 
     def read(self, value: object) -> Any:
         if isinstance(value, str) and value in self.words:

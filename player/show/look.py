@@ -25,7 +25,7 @@ def look_properties(session: Session) -> dict[str, Property]:
         cube = None if name in ("", "no") else _read(partial(session.programme.opener.cube, name))
         session.adjust(replace(session.adjustments, lut=cube))
 
-    text = "colour table that codes go through, a .cube file"
+    text = "colour table for the media, a .cube file"
     return {"lut": Property(text, name, put, Anything("no, a path"))}
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.calibration import RADIANCE
-from counterlight.command import Parser
+from counterlight.command import Arguments, Parser
 from counterlight.errors import InputError
 from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
 from counterlight.media.medium import Border, Medium
@@ -18,7 +18,7 @@ from counterlight.pipeline.parameters import PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
-from counterlight.pipeline.value_types import Choice, Flag, Kind, Number, UnreadError
+from counterlight.pipeline.value_types import MANY, Choice, Flag, Kind, Number, UnreadError
 from counterlight.remote.addresses import LOOPBACK, Address, parse_address
 from counterlight.show.in_step import begins_at
 from counterlight.show.keys import KEYS, MEANINGS
@@ -27,6 +27,16 @@ from counterlight.show.remotes import PORT as PAGE_PORT
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
+
+EXAMPLES = (
+    "counterlight play room film.mp4 --fullscreen --loop",
+    "counterlight play room film.mp4 --output for_projector.mp4",
+)
+COMMON = (
+    *("--loop", "--image-display-duration", "--fade", "--crossfade"),
+    *("--view", "--brightness", "--contrast", "--gamma", "--saturation", "--white", "--refine"),
+    *("--fullscreen", "--monitor", "--volume", "--output", "--supervise", "--schedule", "--remote"),
+)
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
@@ -67,127 +77,232 @@ def _check_folders(roots: Sequence[Path]) -> None:
 
 def _parser(description: str) -> argparse.ArgumentParser:
     parser = Parser(
-        "play",
-        description=description,
-        epilog=_keys(),
-        formatter_class=argparse.RawTextHelpFormatter,
-        allow_abbrev=False,
+        "play", description=description, epilog=_keys(), examples=EXAMPLES, common=COMMON, allow_abbrev=False
     )
-    for add in (_add_what, _add_border, _add_compensation, _add_adjustments, _add_window, _add_step, _add_output):
-        add(parser)
+    parser.add_argument("calibration", type=Path, nargs="?", help="calibration folder with a correction map")
+    parser.add_argument(
+        "media",
+        nargs="*",
+        help="videos, pictures (.exr: camera radiance), numbered pictures such as name%%05d.png, or lists (.m3u, .txt)",
+    )
+    for title, add in GROUPS.items():
+        add(parser.add_argument_group(title))
     return parser
 
 
-def _offer(parser: argparse.ArgumentParser, *names: str) -> None:
+def _offer(group: Arguments, *names: str) -> None:
     """Add parameters of a show as options."""
     for name in names:
         row = PARAMETERS[name]
         if isinstance(row.kind, Flag):
-            _flag(parser, name, row.default, row.help)
+            _flag(group, name, row.default, row.help)
         elif isinstance(row.kind, Choice):
-            parser.add_argument(f"--{name}", choices=row.kind.words, default=row.default, help=row.help)
+            text = f"{row.help} (default {row.default})"
+            group.add_argument(f"--{name}", choices=row.kind.words, default=row.default, help=text)
         else:
-            unsaid = row.unsaid or f"{row.default:g}"
-            _number(parser, name, row.kind, row.value, f"{row.help}; {row.kind}\n(default {unsaid})", row.default)
+            unsaid = f"default: {row.unsaid}" if " " in row.unsaid else f"default {row.unsaid or f'{row.default:g}'}"
+            bounds = f"{row.kind.bounds}, " if isinstance(row.kind, Number) and row.kind.high < MANY else ""
+            _number(group, name, row.kind, row.value, f"{row.help} ({bounds}{unsaid})", row.default)
 
 
-def _flag(parser: argparse.ArgumentParser, name: str, default: bool, text: str) -> None:
-    parser.add_argument(f"--{name}", action=argparse.BooleanOptionalAction, default=default, help=text)
+def _flag(group: Arguments, name: str, default: bool, text: str) -> None:
+    stated = f"{text} (default yes)" if default else text
+    group.add_argument(f"--{name}", action=argparse.BooleanOptionalAction, default=default, help=stated)
 
 
-def _number(
-    parser: argparse.ArgumentParser, name: str, kind: Kind, metavar: str, text: str, default: object = None
-) -> None:
+def _number(group: Arguments, name: str, kind: Kind, metavar: str, text: str, default: object = None) -> None:
     def read(word: str) -> Any:
         try:
             return kind.read(word)
         except UnreadError as error:
             raise argparse.ArgumentTypeError(str(error)) from None
 
-    parser.add_argument(f"--{name}", type=read, default=default, metavar=metavar, help=text)
+    group.add_argument(f"--{name}", type=read, default=default, metavar=metavar, help=text)
 
 
-def _add_what(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("calibration", type=Path, nargs="?", help="a calibration folder with its correction map")
-    add(
-        "media",
-        nargs="*",
-        help="videos, pictures, sequences such as name%%05d.png, lists of them (.m3u, .txt);\n"
-        ".exr is camera radiance as is",
-    )
-    _flag(parser, "loop", False, "start again at the end")
-    _number(parser, "start", Number(0, 1e9, noun="seconds"), "SECONDS", "begin there", 0.0)
+def _add_media(group: Arguments) -> None:
+    _flag(group, "loop", False, "start again at the end")
+    _offer(group, "image-display-duration", "fade", "crossfade", "speed", "keep-open")
+    seconds = Number(0, 1e9, noun="seconds")
+    _number(group, "start", seconds, "SECONDS", "start at this time of the first medium (default 0)", 0.0)
     position = Number(0, 1e9, whole=True, noun="a position in the list")
-    _number(parser, "playlist-start", position, "N", "begin with that medium of several, from 0", 0)
-    _number(parser, "frames", Number(1, 1e9, whole=True, noun="a number of frames"), "N", "stop after N frames")
+    _number(group, "playlist-start", position, "N", "start with this medium of the list, counted from 0 (default 0)", 0)
+    count = Number(1, 1e9, whole=True, noun="a number of frames")
+    _number(group, "frames", count, "N", "stop after N frames (default: at the end)")
     rate = Number(1e-3, 1e3, noun="frames per second")
-    _number(parser, "fps", rate, "RATE", "frames per second of a numbered sequence (default 25)")
-    _offer(parser, "speed", "image-display-duration", "keep-open", "fade", "crossfade")
-    text = f"what decodes films: no, the processor (default); auto; or a GPU as FFmpeg\nnames it: {', '.join(TYPES)}"
-    parser.add_argument("--hwdec", type=_device, default=PROCESSOR, metavar="TYPE[:DEVICE]", help=text)
-
-
-def _add_border(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+    _number(group, "fps", rate, "RATE", "set the frames per second of a numbered sequence (default 25)")
+    group.add_argument(
+        "--hwdec",
+        type=_device,
+        default=PROCESSOR,
+        metavar="TYPE[:DEVICE]",
+        help=f"decode films on the processor (no, the default), or on a GPU: auto, {', '.join(TYPES)}",
+    )
+    group.add_argument(
         "--media-root",
         action=Several,
         type=Path,
         metavar="DIR",
-        help="lists and remotes may name files below it, too; several: each once\n"
-        "(always: below a list's own folder, and below those of the MEDIA)",
+        help="let lists and remotes name files below this folder; may be repeated (default: folders of the lists and "
+        "of the media)",
     )
-    _flag(parser, "allow-live", False, "lists and remotes may name streams (rtsp://, udp://, …), too")
+    _flag(group, "allow-live", False, "let lists and remotes name streams (rtsp://, udp://)")
 
 
-def _add_compensation(parser: argparse.ArgumentParser) -> None:
-    text = "camera radiance of a white picture (default auto:\nthe level that nine in ten camera pixels can reach)"
+def _add_picture(group: Arguments) -> None:
+    _offer(group, "view", "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker")
+    _offer(group, "clipping", "target-peak", "hdr-peak", "tone-mapping")
+    group.add_argument(
+        "--lut", type=Path, metavar="FILE.cube", help="apply a colour table to the media (default: none)"
+    )
+    _offer(group, "lut-type")
+    row = PARAMETERS["test-card"]
+    group.add_argument("--test-card", dest="card", choices=CARDS, help=f"{row.help} (default: none)")
+
+
+def _add_compensation(group: Arguments) -> None:
+    text = "set the camera radiance of white; auto: what nine of ten camera pixels can reach (default auto)"
     white = Number(*RADIANCE, words=("auto",), noun="a radiance")
-    _number(parser, "white", white, "auto|LEVEL", text, "auto")
-    _offer(parser, "refine", "budget", "within")
-    parser.add_argument(
+    _number(group, "white", white, "auto|LEVEL", text, "auto")
+    _offer(group, "compensation", "refine")
+    group.add_argument(
         "--refine-from",
         choices=STARTS,
-        help="where they start (default: as the maps say, the correction map's\n"
-        "picture, or direct mapping's if that map is large, both changed\nas in the frame before)",
+        help="start the refinement from the frame before (changed by the correction map or by direct mapping), the "
+        "correction map, direct mapping, or grey (default: as the build found)",
     )
-    _offer(parser, "compensation", "view", "viewpoint")
+    _offer(group, "budget", "within", "viewpoint")
 
 
-def _add_adjustments(parser: argparse.ArgumentParser) -> None:
-    _offer(parser, "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping")
-    _offer(parser, "target-peak", "hdr-peak", "tone-mapping")
-    parser.add_argument("--lut", type=Path, metavar="FILE.cube", help="colour table that codes go through")
-    _offer(parser, "lut-type")
-    parser.add_argument("--test-card", dest="card", choices=CARDS, help=PARAMETERS["test-card"].help)
-
-
-def _add_window(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    _offer(parser, "fullscreen")
-    add(
+def _add_window(group: Arguments) -> None:
+    _offer(group, "fullscreen")
+    group.add_argument(
         "--monitor",
         action=Several,
-        metavar="NAME|INDEX",
-        help="the projector's monitor; several: one after the other\n(default: as the calibration says, or the first)",
+        metavar="NAME|N",
+        help="show on this monitor of --list-monitors; may be repeated (default: the calibration's, or the first)",
     )
-    add("--list-monitors", action="store_true", help="list the monitors and end")
-    _flag(parser, "any-size", False, "go full screen on a monitor that is not of the projector's size")
-    _flag(parser, "vsync", True, "wait for the display's refresh")
-    _flag(parser, "audio", True, "play sound, if the extra audio is there; with --output, copy it into a film")
-    _offer(parser, "volume", "mute", "blackout", "osd")
-    add("--screenshot-directory", type=Path, default=Path(), metavar="DIR", help="for the key s (default: here)")
-    add("--config", type=Path, metavar="FILE", help="settings (default ~/.config/counterlight/player.toml)")
-    add("--no-config", action="store_true", help="read no settings")
+    group.add_argument("--list-monitors", action="store_true", help="list the monitors and exit")
+    _flag(group, "any-size", False, "fill a monitor that does not have the projector's size")
+    _flag(group, "vsync", True, "wait for the display's refresh")
+    _flag(group, "audio", True, "play the sound, or copy it into the file of --output")
+    _offer(group, "volume", "mute", "blackout", "osd")
+    group.add_argument(
+        "--screenshot-directory",
+        type=Path,
+        default=Path(),
+        metavar="DIR",
+        help="save the pictures of key s in this folder (default: the current folder)",
+    )
+    group.add_argument(
+        "--bits",
+        choices=("auto", "8", "10"),
+        default="auto",
+        help="set the bits of a code value in a window (default auto: as the monitors are set)",
+    )
 
 
-def _add_step(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    text = "tell followers where the show is, on this UDP port"
+def _add_output(group: Arguments) -> None:
+    add = group.add_argument
+    add(
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="render into a file without a window: .mp4, .mov, .webm, .mkv (lossless), .png, .exr, or name%%05d.png",
+    )
+    add(
+        "--codec",
+        metavar="NAME",
+        help="use this encoder of FFmpeg (default libx264; libvpx-vp9 in .webm, ffv1 in .mkv)",
+    )
+    add(
+        "--pix-fmt",
+        metavar="NAME",
+        help="use this pixel format of FFmpeg, such as yuv444p (default yuv420p; yuv444p for odd sizes, bgr0 for ffv1)",
+    )
+    text = "set FFmpeg's quality, 0 to 63; lower is better (default 14, visually lossless)"
+    _number(group, "crf", Number(0, 63), "N", text)
+    whole = Number(1, 999, whole=True, noun="a number of segments")
+    text = "render a film in N segments, each in its own process, and join them (docs/size.md; default 1)"
+    _number(group, "segments", whole, "N", text)
+    text = "also divide shots; each segment then starts this many frames early (default: divide at cuts only)"
+    _number(group, "lead-in", Number(0, 1e6, whole=True, noun="a number of frames"), "FRAMES", text)
+    add(
+        "--cluster",
+        metavar="ADDRESS",
+        help="render the segments on the dask scheduler at HOST:PORT, or in N local processes with local:N (extra "
+        "cluster, docs/size.md; default: in this process)",
+    )
+
+
+def _add_drawing(group: Arguments) -> None:
+    add = group.add_argument
+    add(
+        "--backend",
+        choices=BACKENDS,
+        default="auto",
+        help="draw with OpenGL (gl) or on the processor (cpu); auto: gl with a GPU or --path, otherwise cpu (default "
+        "auto)",
+    )
+    add(
+        "--path",
+        choices=PATHS,
+        help="choose the GPU's shaders: fragment or compute; with words, entries take 4 bytes instead of 16. auto: the "
+        " fastest, measured at startup (default auto in a window with a GPU, otherwise fragment)",
+    )
+    add(
+        "--dither",
+        choices=DITHERS,
+        default="ordered",
+        help="hide the steps between code values by a pattern, by noise, or not at all (default ordered)",
+    )
+    add("--stats", type=Path, metavar="FILE.json", help="write counts of frames and times in milliseconds to this file")
+    add(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="read settings from this file (default ~/.config/counterlight/player.toml)",
+    )
+    add("--no-config", action="store_true", help="read no settings file")
+
+
+def _add_show(group: Arguments) -> None:
+    add = group.add_argument
+    _flag(group, "supervise", False, "restart the player whenever it crashes or hangs")
+    add("--supervised", action="store_true", help=argparse.SUPPRESS)  # set by the supervisor
+    add("--at", type=_time_of_day, metavar="HH:MM:SS", help="start at this time of day; black until then")
+    add(
+        "--schedule",
+        type=Path,
+        metavar="FILE",
+        help="play in the hours of this file; needs --supervise",
+    )
+    text = "show this after too many crashes: black, or the media without compensation (default black)"
+    add("--safe", choices=SAFE, default="black", help=text)
+    text = "append a JSON line per second: frames, drops, memory, position (-: standard error)"
+    add("--heartbeat", metavar="FILE|-", help=text)
+    minutes = Number(1 / 60, 1e6, noun="minutes")
+    text = "check the room this often, between two media if possible, and correct what has moved"
+    _number(group, "check-every", minutes, "MINUTES", text)
+    add(
+        "--check-with",
+        metavar="'OPTIONS'",
+        help="pass these options to counterlight verify, such as '--camera v4l2:0'; check-room uses them, too",
+    )
+    add(
+        "--remote",
+        type=partial(parse_address, port=PAGE_PORT),
+        nargs="?",
+        const=Address(LOOPBACK, PAGE_PORT),
+        metavar="HOST:PORT",
+        help=f"serve a page for browsers (default {LOOPBACK}:{PAGE_PORT}; 0.0.0.0: to the whole network)",
+    )
+    add("--osc", type=parse_address, metavar="[HOST:]PORT", help="accept Open Sound Control messages on this UDP port")
+    add("--control", type=Path, metavar="SOCKET", help="accept JSON commands on this socket, as in mpv's IPC")
+    text = "send the time of the show to followers on this UDP port"
     add("--lead", type=_address(host=""), metavar="[HOST:]PORT", help=text)
-    text = f"go where the leader on another machine is\n(its port: {PORT} if left out)"
+    text = f"follow the leader on another machine (default port {PORT})"
     add("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
-    add("--at", type=_time_of_day, metavar="HH:MM:SS", help="begin at this time of the day, black until then")
 
 
 def _address(**defaults: Any) -> Callable[[str], tuple[str, int]]:
@@ -214,86 +329,20 @@ def _time_of_day(word: str) -> datetime:
         raise argparse.ArgumentTypeError(f"expected a time such as 20:00:00, found {word!r}") from None
 
 
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add(
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="render without a window into .png, .exr (linear), name%%05d.png,\n.mp4, .mov, .webm or .mkv (lossless)",
-    )
-    add(
-        "--backend",
-        choices=BACKENDS,
-        default="auto",
-        help="what renders: gl, OpenGL, or cpu, compiled for the processor\n"
-        "(default auto: gl where there is a GPU, or --path is given, else cpu)",
-    )
-    add(
-        "--path",
-        choices=PATHS,
-        help="how the GPU multiplies: fragment or compute shaders (OpenGL 4.3),\n"
-        "words or compute-words with T in words of 4 bytes; auto measures at\n"
-        "the start and keeps the fastest (default: auto in a window with a GPU;\n"
-        "fragment with --output, so that its result repeats)",
-    )
-    add("--codec", metavar="NAME", help="of a video, FFmpeg's encoder (default libx264; .webm libvpx-vp9; .mkv ffv1)")
-    text = "FFmpeg's pixel format, such as yuv444p\n(default yuv420p, yuv444p for odd sizes; ffv1 bgr0)"
-    add("--pix-fmt", metavar="NAME", help=text)
-    text = "FFmpeg's quality, lower is better; 0 to 63 (default 14, which looks\nlossless)"
-    _number(parser, "crf", Number(0, 63), "N", text)
-    whole = Number(1, 999, whole=True, noun="a number of segments")
-    text = "render a film in N segments at a time, each in a process of its own,\nand join them (docs/size.md)"
-    _number(parser, "segments", whole, "N", text)
-    text = "begin segments within shots, too, so many frames early\n(default: at cuts alone, so that nothing changes)"
-    _number(parser, "lead-in", Number(0, 1e6, whole=True, noun="a number of frames"), "FRAMES", text)
-    text = "HOST:PORT of a dask scheduler, or local:N: who renders the segments\n(extra cluster, docs/size.md)"
-    add("--cluster", metavar="ADDRESS", help=text)
-    add("--dither", choices=DITHERS, default="ordered", help="how steps of a code value are hidden (default ordered)")
-    add(
-        "--bits",
-        choices=("auto", "8", "10"),
-        default="auto",
-        help="of a code value in a window (default auto: as the monitors are set)",
-    )
-    add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
-    add(
-        "--remote",
-        type=partial(parse_address, port=PAGE_PORT),
-        nargs="?",
-        const=Address(LOOPBACK, PAGE_PORT),
-        metavar="HOST:PORT",
-        help=f"serve a page for browsers there (default {LOOPBACK}:{PAGE_PORT}, this machine\n"
-        "alone; 0.0.0.0: the network); it prints its address, with the token",
-    )
-    add("--osc", type=parse_address, metavar="[HOST:]PORT", help="take Open Sound Control there (UDP)")
-    add("--heartbeat", metavar="FILE|-", help="add a JSON line a second: frames, drops, memory, position")
-    minutes = Number(1 / 60, 1e6, noun="minutes")
-    text = "look at the room again so often, between two media if there\nare several, and correct what has moved"
-    _number(parser, "check-every", minutes, "MINUTES", text)
-    add(
-        "--check-with",
-        metavar="'OPTIONS'",
-        help="of counterlight verify: --camera CAMERA and what belongs to it;\nalone: for check-room",
-    )
-    _flag(parser, "supervise", False, "start the player again whenever it dies or hangs")
-    add("--supervised", action="store_true", help=argparse.SUPPRESS)  # set by the supervisor
-    add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
-    text = (
-        "TOML: when the show plays, by day and hour, and projectors that\n"
-        "are switched on and off for it (PJLink); with --supervise"
-    )
-    add("--schedule", type=Path, metavar="FILE", help=text)
-    add("--stats", type=Path, metavar="FILE.json", help="write frames, drops, judder and milliseconds")
-
-
 def _keys() -> str:
-    """Return the keys in lines of a terminal's width."""
-    lines = ["keys (? lists them over the picture):"]
+    """Return a list of the keys and their meanings, one line per meaning."""
+    keys: dict[str, list[str]] = {}
     for key, command in KEYS.items():
-        piece = f"{key} {MEANINGS[command]}"
-        if len(lines[-1]) + len(piece) > 100 or len(lines) == 1:
-            lines.append("  " + piece)
-        else:
-            lines[-1] += f",  {piece}"
-    return "\n".join(lines).replace("%", "%%")
+        keys.setdefault(MEANINGS[command], []).append(key)
+    return "\n".join(["keys:", *(f"  {', '.join(names):<21} {meaning}" for meaning, names in keys.items())])
+
+
+GROUPS = {
+    "media": _add_media,
+    "picture": _add_picture,
+    "compensation": _add_compensation,
+    "window and sound": _add_window,
+    "output to a file": _add_output,
+    "running a show": _add_show,
+    "drawing and settings": _add_drawing,
+}

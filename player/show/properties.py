@@ -65,25 +65,28 @@ def _playing(session: Session) -> dict[str, Property]:
 
     playlist = session.playlist
     return {
-        "pause": Property("whether time stands still", *_attribute(manner, "paused"), FLAG),
+        "pause": Property("pause the show", *_attribute(manner, "paused"), FLAG),
         "speed": named("speed", *_attribute(manner, "speed")),
         "time-pos": Property(
-            "seconds from the medium's beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
+            "position in the medium, from its beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
         ),
-        "duration": Property("seconds, null if unknown or a still", lambda: now().reader.info.duration_s),
-        "path": Property("the medium that plays", lambda: str(now().reader.info.path)),
-        "playlist": Property("the media of the list", lambda: [medium.name for medium in playlist.media]),
+        "duration": Property(
+            "seconds; null if unknown or a still picture",
+            lambda: now().reader.info.duration_s,
+        ),
+        "path": Property("path of the medium that plays", lambda: str(now().reader.info.path)),
+        "playlist": Property("list of the media", lambda: [medium.name for medium in playlist.media]),
         "playlist-pos": Property(
-            "position in the list, of what plays or is being opened",
+            "position in the list of the medium that plays or opens",
             lambda: playlist.position,
             go_to,
             Number(0, 1e6, whole=True),
         ),
-        "playlist-playing-pos": Property("position of what plays", lambda: session.programme.on),
-        "loop-file": Property("begin the medium again at its end", *_attribute(manner, "loop"), FLAG),
-        "loop-playlist": Property("begin the list again at its end", *_attribute(lambda: playlist, "loop"), FLAG),
-        "ab-loop-a": _point(now, "a_s", "where the A-B loop begins"),
-        "ab-loop-b": _point(now, "b_s", "where it ends; the end of the medium if that comes before"),
+        "playlist-playing-pos": Property("position in the list of the medium that plays", lambda: session.programme.on),
+        "loop-file": Property("repeat the medium", *_attribute(manner, "loop"), FLAG),
+        "loop-playlist": Property("repeat the list", *_attribute(lambda: playlist, "loop"), FLAG),
+        "ab-loop-a": _point(now, "a_s", "start of the A-B loop"),
+        "ab-loop-b": _point(now, "b_s", "end of the A-B loop, at most the end of the medium"),
         "image-display-duration": named(
             "image-display-duration",
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
@@ -92,9 +95,9 @@ def _playing(session: Session) -> dict[str, Property]:
         "keep-open": named("keep-open", *_attribute(lambda: session, "keep_open")),
         "fade": named("fade", *_attribute(lambda: session.fade, "seconds")),
         "crossfade": named("crossfade", *_attribute(lambda: session, "crossfade_s")),
-        "eof-reached": Property("whether the end is held (keep-open)", lambda: session.programme.at_end),
+        "eof-reached": Property("yes if the end of the list is held (keep-open)", lambda: session.programme.at_end),
         "in-step": Property(
-            "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
+            "state of a leader or a follower; null for other players", lambda: session.stats.facts.get("in_step")
         ),
         "volume": named("volume", *_attribute(audio, "volume")),
         "mute": named("mute", *_attribute(audio, "mute")),
@@ -138,8 +141,8 @@ def _adjustments(session: Session) -> dict[str, Property]:
             lambda card: put(card=None if card == "no" else card),
         ),
         "corners": Property(
-            "corners of the picture in the camera's view from the upper left, clockwise, in shares of it; "
-            "null fits the picture in",
+            "corners of the picture in the camera's view, clockwise from the upper left, in shares of the view; "
+            "null: fit the picture",
             corners,
             lambda value: put(corners=_corners(value)),
             Anything("null, four pairs"),
@@ -161,14 +164,14 @@ def _showing(session: Session) -> dict[str, Property]:
 
     return {
         **{name: named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
-        "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
-        "help": Property("the page of keys", lambda: session.help_page > 0, lambda on: put("help_page", int(on)), FLAG),
+        "stats": Property("show the page of statistics", *attribute("show_stats"), FLAG),
+        "help": Property("show the keys", lambda: session.help_page > 0, lambda on: put("help_page", int(on)), FLAG),
         "osd": named("osd", *attribute("osd")),
-        "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
-        "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
+        "message": Property("message on the screen; empty after it has faded", lambda: session.message.text),
+        "placing": Property("yes while the picture is being placed", lambda: session.placing is not None),
         "fullscreen": named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
         "monitor": Property(
-            "where the window is; another one moves it",
+            "monitor of the window; a new value moves the window",
             lambda: display.monitor,
             display.move_to,
             Anything("a name or number"),
@@ -186,32 +189,28 @@ def _told(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -
         return stats.recent(session.clock()) | {"requested": round(requested, 2), "fps": round(shown, 2)}
 
     return {
-        "frames": Property("frames shown", lambda: stats.frames),
-        "dropped": Property("frames dropped", lambda: stats.dropped),
+        "frames": Property("number of frames shown", lambda: stats.frames),
+        "dropped": Property("number of frames dropped", lambda: stats.dropped),
         "recent": Property(
-            "frames of the last 10 s: shown, late (the next one was due) and dropped, and the rates that the medium "
-            "asks for and that came to the screen: an object",
+            "object for the last 10 s: frames shown, late (the next frame was due) and dropped; frame rates of the "
+            "medium and of the screen",
             recent,
         ),
-        "events": Property(
-            "what went wrong lately, at most 20 lines with their times in seconds since 1970: objects", stats.events
-        ),
-        "fps": Property("frames a second on the screen", lambda: stats.frames_per_second),
+        "events": Property("objects for the last 20 problems: text, and time in seconds since 1970", stats.events),
+        "fps": Property("frames per second on the screen", lambda: stats.frames_per_second),
         "stage-ms": Property(
-            "median milliseconds of each stage of a frame: an object",
+            "object with the median milliseconds of each stage of a frame",
             lambda: {stage: round(stats.median_ms(stage), 3) for stage in (*STAGES, *DRAWING) if stats.has(stage)},
         ),
         "late-frames": Property(
-            "frames by how late they were shown: by less than 1, 2, 4, 8, 16, 32, 64 ms, and by more",
+            "numbers of frames that were late by less than 1, 2, 4, 8, 16, 32 and 64 ms, and by more",
             lambda: list(stats.late_counts),
         ),
-        "notices": Property("what went wrong lately without stopping the show, at most 20 lines", stats.latest_notices),
-        "drift": Property(
-            "what the last check of the room found, null if nobody has checked", lambda: session.room.drifted
-        ),
-        "checking": Property("whether a check of the room is running", checking),
+        "notices": Property("last 20 problems that did not stop the show", stats.latest_notices),
+        "drift": Property("result of the last check of the room; null without a check", lambda: session.room.drifted),
+        "checking": Property("yes while a check of the room is running", checking),
         "projectors": Property(
-            "the projectors of --schedule: address, power, hours of lamps, faults, trouble; null without",
+            "projectors of --schedule: address, power, lamp hours, faults, trouble; null without --schedule",
             lambda: None if lamps is None else lamps.told(),
         ),
     }

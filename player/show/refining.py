@@ -53,23 +53,23 @@ def refining(session: Session) -> dict[str, Property]:
         "refine": named("refine", lambda: governor.refine, refine),
         "budget": named("budget", lambda: governor.budget, budget),
         "within": named("within", lambda: governor.within, within),
-        "steps": Property("of refinement, for the picture on the screen", lambda: session.steps_made),
-        "step-ms": Property("milliseconds of a step, null if unknown", lambda: governor.took_ms(1)),
+        "steps": Property("number of refinement steps of the picture on the screen", lambda: session.steps_made),
+        "step-ms": Property("milliseconds per refinement step; null if unknown", lambda: governor.took_ms(1)),
         "below-optimum": Property(
-            "dB below the best picture, estimated; null until that is known", below_optimum, costly=True
+            "estimated distance to the best picture in dB; null while unknown", below_optimum, costly=True
         ),
         "doubling": Property(
-            "what as many steps again would bring, dB, and take, ms: an object; null until that is known",
+            "object with the gain in dB and the cost in ms of twice as many steps; null while unknown",
             doubling,
             costly=True,
         ),
         "gap": Property(
-            "relative gap to the best picture, null if unknown",
+            "relative gap to the best picture; null if unknown",
             lambda: certified(attrgetter("relative")),
             costly=True,
         ),
         "psnr": Property(
-            "dB of the camera's predicted picture against the desired one, null if unknown",
+            "PSNR of the predicted camera picture against the target, in dB; null if unknown",
             lambda: certified(psnr),
             costly=True,
         ),

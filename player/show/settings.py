@@ -11,7 +11,7 @@ from counterlight.files.tables import LONGEST_TEXT
 from counterlight.show.keys import check_bindings
 from counterlight.show.registry import CommandError
 
-NOT_SETTINGS = ("help", "config", "list-monitors", "output", "supervised")
+NOT_SETTINGS = ("help", "help-all", "config", "list-monitors", "output", "supervised")
 KEYS_TABLE = "keys"
 
 

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import at_least_0, parse_size
+from counterlight.command import Arguments, Parser, at_least_0, parse_size
 from counterlight.tools.choices import MOST_LAG
 from counterlight.tools.shipped import parse_scene
 
@@ -13,51 +13,83 @@ SENSOR = "bits", "full_well", "read_noise"
 CAMERAS = "simulated:SCENE|CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
 
 
-def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
+def add_rig_options(parser: Parser, shots: str = "1") -> None:
     """Add --camera and the options around it; `shots` is the default in the help text."""
-    parser.add_argument(
-        "--camera", required=True, action="append", metavar="CAMERA", help=f"{CAMERAS}; several photograph together"
+    _add_devices(parser.add_argument_group("projector and camera"))
+    _add_exposure(parser.add_argument_group("exposure"), shots)
+    _add_sensor(parser.add_argument_group("simulated camera"))
+
+
+def _add_devices(group: Arguments) -> None:
+    group.add_argument(
+        "--camera",
+        required=True,
+        action="append",
+        metavar="CAMERA",
+        help=f"photograph with {CAMERAS}; may be repeated",
     )
-    parser.add_argument(
+    group.add_argument(
         "--projector",
         type=parse_size,
         action="append",
         default=[],
-        metavar="WIDTHxHEIGHT",
-        help="its pixels (a scene knows them); once for each",
+        metavar="WxH",
+        help="set the projector's size in pixels; may be repeated (default: as the monitor or scene says)",
     )
-    where = parser.add_mutually_exclusive_group()
+    where = group.add_mutually_exclusive_group()
     where.add_argument(
         "--monitor",
         action="append",
         default=[],
         metavar="NAME|N",
-        help="the projector, filled with the patterns; once for each, from left to right",
+        help="show the patterns on this monitor; repeat for several projectors, from left to right",
     )
-    where.add_argument("--window", action="store_true", help="patterns in a plain window, to try things with")
-    parser.add_argument("--desktop", action="store_true", help="a projector may be the primary monitor")
-    parser.add_argument(
+    where.add_argument("--window", action="store_true", help="show the patterns in a window, for trials")
+    group.add_argument("--desktop", action="store_true", help="allow the primary monitor to be a projector")
+    group.add_argument("--no-preflight", action="store_true", help="do not check the projector and the camera first")
+
+
+def _add_exposure(group: Arguments, shots: str) -> None:
+    group.add_argument(
         "--exposures",
         type=_times,
         metavar="T,T…",
-        help="of a bracket, seconds (simulated: factors; default 1)",
+        help="set the exposure times of a bracket in seconds, or as factors for a simulated camera (default 1)",
     )
-    parser.add_argument(
-        "--shots", type=_shots, metavar="N", help=f"of each exposure, averaged: noise falls by √N (default {shots})"
+    group.add_argument(
+        "--shots",
+        type=_shots,
+        metavar="N",
+        help=f"average N shots of each exposure; noise falls by √N (default: {shots})",
     )
-    parser.add_argument("--camera-response", default="linear", metavar="linear|srgb|GAMMA|FILE.toml")
-    parser.add_argument("--no-preflight", action="store_true", help="do not check projector and camera first")
-    parser.add_argument(
-        "--wait", type=_seconds, default=0.0, metavar="SECONDS", help="folder: for captures (default 0)"
+    group.add_argument(
+        "--camera-response",
+        default="linear",
+        metavar="linear|srgb|GAMMA|FILE.toml",
+        help="undo this curve of the camera (default linear)",
     )
-    sensor = parser.add_argument_group("simulated camera")
-    sensor.add_argument("--bits", type=int, help="of a code value (default: the scene's, or 14)")
-    sensor.add_argument(
-        "--full-well", type=float, metavar="ELECTRONS", help="0: no noise (default: the scene's, or 20000)"
+    group.add_argument(
+        "--wait", type=_seconds, default=0.0, metavar="SECONDS", help="wait this long for files of folder: (default 0)"
     )
-    sensor.add_argument("--read-noise", type=float, metavar="N", help="electrons (default: the scene's, or 5)")
-    sensor.add_argument("--lag", type=int, default=0, metavar="FRAMES", help=f"0 to {MOST_LAG} (default 0)")
-    sensor.add_argument("--seed", type=int, default=0, help="of its noise (default 0)")
+
+
+def _add_sensor(group: Arguments) -> None:
+    group.add_argument(
+        "--bits", type=int, metavar="N", help="set the bits of a code value (default: the scene's, or 14)"
+    )
+    group.add_argument(
+        "--full-well",
+        type=float,
+        metavar="ELECTRONS",
+        help="set the electrons of a full pixel; 0: no noise (default: the scene's, or 20000)",
+    )
+    group.add_argument(
+        "--read-noise", type=float, metavar="ELECTRONS", help="set the read noise (default: the scene's, or 5)"
+    )
+    group.add_argument(
+        "--lag", type=int, default=0, metavar="FRAMES", help=f"delay the captures by 0 to {MOST_LAG} frames (default 0)"
+    )
+    group.add_argument("--seed", type=int, default=0, metavar="N", help="set the seed of the noise (default 0)")
 
 
 def sources_of(cameras: Sequence[str]) -> list[Path]:

@@ -1,8 +1,8 @@
 """Options of acquiring and importing: the room's folder, the projector's response, and the factoring of T."""
 
-import argparse
 from pathlib import Path
 
+from counterlight.command import Arguments
 from counterlight.errors import InputError
 from counterlight.response import Response, projector_response
 from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
@@ -11,19 +11,19 @@ ASSUMED = Response("srgb")
 ASSUMED_LINE = "response: sRGB assumed; measure it with counterlight fit-response, and give it with --response"
 
 
-def add_room_options(parser: argparse.ArgumentParser, unless_given: str = "sRGB assumed") -> None:
+def add_room_options(parser: Arguments, unless_given: str = "srgb, assumed") -> None:
     """Add --response, --name, --force and --output.
 
-    unless_given : what happens without --response, for the help text.
+    unless_given : the response without --response, for the help text.
     """
     parser.add_argument(
         "--response",
         metavar="linear|srgb|GAMMA|FILE.toml",
-        help=f"the projector's light for a code value (default: {unless_given})",
+        help=f"use this response of the projector (default: {unless_given})",
     )
-    parser.add_argument("--name", help="the room's name (default: the folder's)")
-    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
+    parser.add_argument("--name", help="name the room (default: as the folder)")
+    parser.add_argument("--force", action="store_true", help="replace an existing calibration")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="write the calibration here")
 
 
 def given_or_assumed(text: str | None) -> Response:
@@ -31,18 +31,17 @@ def given_or_assumed(text: str | None) -> Response:
     return ASSUMED if text is None else projector_response(text)
 
 
-DENSE = "a dense T becomes near light and factors of far light, what is blurred at many pixels blocks of pixels"
+DENSE = "factor far light and strong blur"
 
 
-def add_tolerance(parser: argparse.ArgumentParser, what: str = DENSE, default: float = TOLERANCE) -> None:
-    """Add --tolerance; `what` describes the effect on T."""
+def add_tolerance(parser: Arguments, what: str = DENSE, default: float = TOLERANCE) -> None:
+    """Add --tolerance; `what` names the effect on T in the help text."""
     parser.add_argument(
         "--tolerance",
         type=_parse_tolerance,
         default=default,
         metavar="DB",
-        help=f"{what}; what compensated pictures may lose by that, in dB of the camera's picture (default {default:g}; "
-        "0: T stays as it is)",
+        help=f"{what} if compensated pictures lose at most this (0: never; default {default:g})",
     )
 
 

@@ -1,16 +1,14 @@
 """The option --colour, shared by every command that judges or changes colours."""
 
-import argparse
-
+from counterlight.command import Arguments
 from counterlight.tools.choices import COLOURS
 
 
-def add_colour(parser: argparse.ArgumentParser) -> None:
+def add_colour(parser: Arguments) -> None:
     parser.add_argument(
         "--colour",
         choices=COLOURS,
         default="auto",
-        help="which projector primaries a camera channel sees: its own (independent), a mixing that is one for "
-        "the whole room (global), or of each camera pixel (pixel); default auto: the least that explains the "
-        "floodlights of the primaries",
+        help="choose the primaries that a camera channel sees: its own (independent), one mixture for the room "
+        "(global), or one per camera pixel (pixel); auto: the simplest that explains the floodlights (default auto)",
     )
