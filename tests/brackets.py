@@ -38,7 +38,7 @@ def write_picture(path: Path, codes: np.ndarray) -> Path:
 
 
 def write_bracket(folder: Path, light: np.ndarray, times: list[float], response: Response, top: int = 255) -> list[str]:
-    """Write PNG files in the order of `times` and returns their names."""
+    """Write PNG files in the order of `times` and return their names."""
     folder.mkdir(parents=True, exist_ok=True)
     return [
         str(write_picture(folder / f"shot{i:02}.png", codes_of(light, t, response, top))) for i, t in enumerate(times)

@@ -70,13 +70,13 @@ class Page:
         )
 
     def ask(self, expression: str) -> Any:
-        """Evaluate an expression in the page and returns its value; fails if the expression throws."""
+        """Evaluate an expression in the page and return its value; fails if the expression throws."""
         told = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in told, told["exceptionDetails"]
         return told["result"].get("value")
 
     def wait(self, expression: str) -> Any:
-        """Wait until an expression is true and returns its value; a page that is still loading counts as false."""
+        """Wait until an expression is true and return its value; a page that is still loading counts as false."""
         deadline = time.monotonic() + PATIENCE_S
         tried = f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()"
         while True:
@@ -87,7 +87,7 @@ class Page:
             time.sleep(0.05)
 
     def middle(self, selector: str) -> tuple[float, float]:
-        """Scroll an element into view and returns the position of its centre."""
+        """Scroll an element into view and return the position of its centre."""
         box = (
             f"(e => {{ e.scrollIntoView({{block: 'center'}}); const b = e.getBoundingClientRect();"
             f" return [b.left + b.width / 2, b.top + b.height / 2]; }})(document.querySelector({json.dumps(selector)}))"

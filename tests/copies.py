@@ -1,4 +1,4 @@
-"""Copies of an interpreter that has already imported the product (warm_start.py), with the interface of
+"""Copies of an interpreter that has already imported the product (warm_start.py); they act like
 subprocess.Popen.
 """
 
@@ -25,7 +25,7 @@ ERRORS = 2  # descriptor of standard error, which a process may share with this 
 
 @functools.cache
 def _warm() -> tuple[socket.socket, Mapping[str, str]]:
-    """Start the warm interpreter; returns its request socket and the variables that were set at import."""
+    """Start the warm interpreter; return its request socket and the variables that were set at import."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     atexit.register(ours.close)
     readable, pipe = os.pipe()  # Python chooses the buffering of its streams at startup, so they must be pipes then
@@ -91,7 +91,7 @@ class Copy:
         return self.returncode
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str | None]:
-        """Wait for the end and returns the unread text of stdout and stderr; may be called repeatedly."""
+        """Wait for the end and return the unread text of stdout and stderr; may be called repeatedly."""
         until = None if timeout is None else time.monotonic() + timeout
         streams = [stream for stream in (self.stdout, self.stderr) if stream]
         if not self._readers:
