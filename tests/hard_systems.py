@@ -33,11 +33,13 @@ LARGE_CAMERA, LARGE_PROJECTOR = (80, 105), (32, 64)
 
 @dataclass(frozen=True)
 class HardCase:
-    """A system of equations and what makes it hard.
+    """System of equations, with what makes it hard.
 
-    T : (camera pixels, projector pixels), what a method is given.  target : b = c − e, (camera pixels,).
-    camera, projector : (height, width).  truth : the transport that the camera sees by; T if None.
-    far : the part of T that a map takes out of the picture before it inverts the rest; None if there is none.
+    T : (camera pixels, projector pixels), given to a method.
+    target : b = c − e, (camera pixels,).
+    camera, projector : (height, width).
+    truth : the room's true transport; T if None.
+    far : part of T that a map removes from the picture before it inverts the rest; None if absent.
     """
 
     name: str
