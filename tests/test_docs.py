@@ -110,7 +110,7 @@ def test_no_link_leads_nowhere(page: Path) -> None:
 
 
 def tables(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yields the tables outside code blocks: number of the first line, and the lines."""
+    """Yield the tables outside code blocks: number of the first line, and the lines."""
     code, lines = False, list[str]()
     for number, line in enumerate([*text.splitlines(), ""], 1):
         code ^= line.lstrip().startswith("```")

@@ -231,7 +231,7 @@ def test_damaged_pixels_are_told_in_one_line(tmp_path: Path, capfd: pytest.Captu
 
 @pytest.mark.parametrize("path", sorted(HOSTILE.rglob("*.exr")) or [HOSTILE], ids=lambda path: path.name)
 def test_hostile_exr_files_are_read_or_refused_in_one_line(path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Tests the shared hostile files if they exist, and otherwise the folder's name, which is no EXR file."""
+    """Read the shared hostile files if they exist, and otherwise the folder's name, which is no EXR file."""
     complaint = ""
     try:
         assert exr.read_rgb(path).ndim == 3

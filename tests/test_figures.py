@@ -85,7 +85,7 @@ def _other(digit: re.Match[str]) -> str:
 
 
 def tables_of_figures() -> Iterator[tuple[str, str, str]]:
-    """Yields page, header, and the page with other digits in one table, for tables of at least a third numbers."""
+    """Yield page, header, and the page with other digits in one table, for tables of at least a third numbers."""
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         text = path.read_text(encoding="utf-8")
         for block in re.finditer(r"(?:^\|.*\n?)+", text, re.MULTILINE):

@@ -34,7 +34,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_on_a_disk_that_is_too_small_nothing_is_lost(
     name: str, shares: tuple[float, ...], room: Path, tmp_path: Path, runner: Runner
 ) -> None:
-    """Tries two insufficient sizes, then enough; the old outputs stay unchanged until the new outputs are complete.
+    """Two insufficient sizes, then enough; the old outputs stay unchanged until the new outputs are complete.
 
     `make fuzz` tries random sizes for every command.
     """

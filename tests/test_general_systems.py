@@ -68,7 +68,7 @@ class Systems:
         )
 
     def raster(self, drives: FloatArray) -> FloatArray:
-        """Arranges drives, ordered by projector, pixel, primary, in the projectors' raster: (pixels, 3)."""
+        """Arrange drives, ordered by projector, pixel, primary, in the projectors' raster: (pixels, 3)."""
         height, width = max(h for h, _ in self.projectors), sum(w for _, w in self.projectors)
         picture, left, start = np.zeros((height, width, 3)), 0, 0
         for h, w in self.projectors:
@@ -77,7 +77,7 @@ class Systems:
         return picture.reshape(-1, 3)
 
     def seen(self, calibration: Calibration, light: FloatArray) -> FloatArray:
-        """Arranges light, ordered by camera, pixel, channel, in the cameras' raster, without ambient light."""
+        """Arrange light, ordered by camera, pixel, channel, in the cameras' raster, without ambient light."""
         picture, top, start = np.zeros((*calibration.camera.shape, 3)), 0, 0
         for h, w in self.cameras:
             picture[top : top + h, :w] = light[start : start + 3 * h * w].reshape(h, w, 3)

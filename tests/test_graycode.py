@@ -218,7 +218,7 @@ def count_agreement(patterns: list[Picture], x: Picture, y: Picture, ours: Pictu
 
 
 def real_sets() -> Iterator[tuple[Path, tuple[int, int], int, Path]]:
-    """Yields captures, projector, step and reference decode of each real data set that exists."""
+    """Yield captures, projector, step and reference decode of each real data set that exists."""
     kamino, shell, board = (
         SHARED / name for name in ("graycode-procam-kamino", "graycode-shell-sltk", "projector-response-kamino")
     )
