@@ -229,11 +229,11 @@ def _stands(connection: Display, root: Any, check: int) -> bool:
     window = connection.create_resource_object("window", named.value[0])
     try:
         itself = window.get_full_property(check, X.AnyPropertyType)
-    except Exception:  # of a window manager that has died
+    except Exception:  # the window manager has died
         return False
     return itself is not None and itself.value[0] == named.value[0]
 
 
 def _alone(display: str, folder: Path) -> dict[str, str]:
-    """Of nobody's settings."""
+    """Environment without user settings."""
     return {"HOME": str(folder), "PATH": "/usr/bin:/bin", "XDG_RUNTIME_DIR": str(folder), **on(display)}

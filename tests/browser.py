@@ -166,7 +166,7 @@ def browser(folder: Path) -> Iterator[Callable[[], Page]]:
 
 
 def _port(folder: Path, process: subprocess.Popen[bytes]) -> str:
-    """Of the DevTools protocol, which the browser writes into its folder."""
+    """Port of the DevTools protocol, which the browser writes into its folder."""
     told, deadline = folder / "DevToolsActivePort", time.monotonic() + PATIENCE_S
     while not (told.exists() and "\n" in told.read_text()):
         assert process.poll() is None, (folder / "log").read_text()

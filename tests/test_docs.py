@@ -46,7 +46,7 @@ def test_who_has_a_matrix_gets_pictures(tmp_path: Path, monkeypatch: pytest.Monk
 
 @contextmanager
 def bridge(number: int, folder: Path, *words: object) -> Iterator[tuple[socket.socket, int]]:
-    """Run a script of docs/remote.md; yields the socket that receives its messages, and its Art-Net port."""
+    """Run a script of docs/remote.md; yield the socket that receives its messages, and its Art-Net port."""
     script = re.findall(r"```python\n(.*?)```", (DOCS / "remote.md").read_text(), re.DOTALL)[number]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
         heard.bind(("127.0.0.1", 0))
@@ -72,7 +72,7 @@ def test_a_midi_desk_commands_the_show(tmp_path: Path) -> None:
 
 
 def test_a_lighting_desk_commands_the_show(tmp_path: Path) -> None:
-    """Change of the universe are forwarded; other universes and other packets are not."""
+    """Changes of the universe are forwarded; other universes and other packets are not."""
 
     def dmx(universe: int, *levels: int) -> bytes:
         head = b"Art-Net\0" + bytes([0, 0x50, 0, 14, 0, 0]) + universe.to_bytes(2, "little")
