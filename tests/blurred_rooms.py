@@ -24,9 +24,7 @@ def discs(
     projector: tuple[int, int] = PROJECTOR,
     tinted: bool = True,
 ) -> NDArray[np.float64]:
-    """Returns T, (3, camera pixels, projector pixels): each camera pixel sees a disc of projector pixels with a soft
-    rim.
-    """
+    """Returns T, (3, camera pixels, projector pixels): a camera pixel sees a soft-edged disc of projector pixels."""
     y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
     v, u = np.mgrid[: projector[0], : projector[1]].reshape(2, 1, -1)
     away = np.hypot((y + 0.5) * projector[0] / camera[0] - v - 0.5, (x + 0.5) * projector[1] / camera[1] - u - 0.5)

@@ -50,7 +50,7 @@ log_natively(av.logging.ERROR)  # tests encode in this process
 # A script's background jobs ignore Ctrl-C. Tests send Ctrl-C, so restore its handler for pytest and its children.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup ignores SIGHUP likewise; tests close terminals
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup ignores SIGHUP; tests close terminals
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 

@@ -237,7 +237,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     room = small_room(tmp_path / "room", rng)
-    # A folder does the same, because nobody waits and captures have no pace.
+    # A folder camera also takes one shot, because its captures have no known pace.
     succeed("acquire", "--camera", f"simulated:{room}", "--shots", "1", "-o", tmp_path / "direct")
     eye = SimulatedCamera(simulated_rooms(room)[0], CameraSettings())
     exchange = tmp_path / "exchange"

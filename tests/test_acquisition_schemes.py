@@ -320,7 +320,7 @@ def test_a_bracket_reaches_where_one_exposure_saturates() -> None:
     assert [shot.dtype for shot in shots] == [np.uint8, np.uint8]
     light = camera.exposures.radiance(shots).reshape(-1, 3)[:, 0]
     truth = transport.composition()[:, 0]
-    # Half a code value: 0.9 % of the light at sRGB code 128 and above; darker ones are covered by the longer exposure.
+    # Half a code value: 0.9 % of the light at sRGB code 128 and above; the longer exposure covers darker codes.
     bright = truth > 0.05
     np.testing.assert_allclose(light[bright], truth[bright], rtol=0.02)
     assert not camera.exposures.saturated(shots).any()

@@ -30,7 +30,7 @@ def matrix(rng: np.random.Generator) -> sparse.csr_array:
 def test_every_format_of_scipy_is_read(tmp_path: Path, matrix: sparse.csr_array, form: str, dtype: str) -> None:
     whole = np.rint(100 * matrix)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", sparse.SparseEfficiencyWarning)  # so many diagonals
+        warnings.simplefilter("ignore", sparse.SparseEfficiencyWarning)  # scipy warns of many diagonals
         sparse.save_npz(tmp_path / "T.npz", whole.asformat(form))
     with np.load(tmp_path / "T.npz") as written:
         parts = dict(written)

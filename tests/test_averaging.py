@@ -200,7 +200,7 @@ def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Genera
     room = Reference(black, floodlight, Noise(np.full(3, dark), np.zeros(3)), np.zeros(camera, np.bool_), 16)
     seen = np.repeat((T @ random_pixels(projector).ravel()).reshape(*camera, 1), 3, axis=2)
     exact = dark / value  # √(n · 5 · dark²) / √(n · 5 · value²)
-    # √0.9 accounts for the pictures that levels share; 600 camera pixels give ‖T‖² to 6 %.
+    # √0.9 is the noise left after levels are combined (AGREEMENT); 600 camera pixels give ‖T‖² to 6 %.
     assert error_by_noise(room, seen) == pytest.approx(0.949 * exact, rel=0.08)
 
 

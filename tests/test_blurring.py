@@ -240,7 +240,7 @@ def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> N
     white = np.percentile(T.composition(), 10)
     b = white * np.repeat(np.random.default_rng(7).choice([0.1, 0.9], (T.shape[0], 1)), 3, axis=1)
     errors = [np.sum((T.apply(Box(each).run(b)[0]) - b) ** 2) for each in (made, T)]
-    # The choice used two noise pictures, which blur removes almost entirely; other pictures lose less.
+    # This picture is noise, unlike the two of the choice. Blur removes most noise, so the loss is smaller.
     assert 10 * np.log10(errors[0] / errors[1]) < tolerance
 
 
@@ -362,7 +362,7 @@ def test_what_is_not_worth_blocks_stays(T: Transport, monkeypatch: pytest.Monkey
 
 
 def in_blocks_at_once(short: Transport, done: Blurring) -> Transport:
-    """Compresses all rows of T at once, with the limit whose losses were reported."""
+    """Compress all rows of T at once, with the limit whose losses were reported."""
     choice = chosen_limit([short.near], CAMERA[1], PROJECTOR, 0.2)
     assert choice.losses == done.losses
     near, scatter = in_cells(short.near, PROJECTOR, choice.limit)

@@ -96,7 +96,7 @@ def test_the_price_of_windows_is_that_of_the_whole_room() -> None:
         stacked((T,) * 3), np.ones(CAMERA, bool), PROJECTOR, truncation.reach, 0.5, InverseOptions(0.1, inverse="whole")
     )
     assert found.failing == 0
-    # λ is relative to σ₁, which is 1 within a fifth here; a few windows stand for all.
+    # λ is relative to σ₁, which is 1 within a fifth here; a few windows represent all.
     entries = (found.needed - bytes_of_windows(T, T.shape[1])) / ENTRY_BYTES
     assert entries == pytest.approx(built.T_pinv.indices.size, rel=0.3)
 

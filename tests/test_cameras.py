@@ -249,8 +249,8 @@ def test_positions_are_numbers(flat: list[RoomSeen], value: float) -> None:
 def test_a_third_camera_sees_no_seam(tmp_path: Path) -> None:
     """A camera in between, unknown to the optimum for grey, sees grey.
 
-    Its sRGB codes differ from grey by at most one, column by column, at the end of the first camera's view and the
-    start of the second's. So do its averages on either side.
+    The means of its sRGB codes stay within one code of grey, per column at both ends of the cameras' overlap, and over
+    the areas that one or both cameras see.
     """
     path, size = SCENES / "folded_wall.toml", ((72, 96), (36, 64))
     wall = re.sub("pattern = .*", "albedo = [0.7, 0.72, 0.74]", path.read_text())  # paint has edges of its own

@@ -321,7 +321,7 @@ def test_unlike_projectors_on_one_surface_come_near_the_optimum_of_all_primaries
         same = np.random.default_rng(surface)
         rooms.append(coloured_room(same, neutral, camera=UNLIKE_CAMERA, projector=UNLIKE_PROJECTOR, shift=shift))
     joint = joined(tmp_path, rooms)
-    # the wheel's primaries lie inside
+    # the LEDs' gamut contains the wheel's primaries
     assert [device.colour is None for device in joint.calibration.projectors] == [False, True]
     desired = WHITE * picture(UNLIKE_CAMERA)
     drive = prepare("box", joint.tier.transport, joint.calibration.mask).solve(joint.tier.asked(desired)).drive

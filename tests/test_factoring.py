@@ -168,7 +168,7 @@ def test_noise_of_a_measurement_becomes_no_texture(rng: np.random.Generator) -> 
 
 
 def test_far_light_that_is_known_already_is_factored_anew(rng: np.random.Generator) -> None:
-    """As an acquisition leaves far light: a hundred cells, each seen by every camera pixel, and faint entries."""
+    """Acquired far light has a hundred cells, each seen by every camera pixel, and faint entries."""
     cells = 108
     labels = np.arange(SHAPE[1]) * cells // SHAPE[1]
     D = sparse.csr_array((np.full(SHAPE[1], 4 / SHAPE[1]), (labels, np.arange(SHAPE[1]))), shape=(cells, SHAPE[1]))

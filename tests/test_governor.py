@@ -9,7 +9,7 @@ from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.governor import TRIES, WELL_WITHIN, Governor
 
 FRAME_S = 0.04
-SELDOM = 5  # of 200 frames take a step more to test whether time suffices: after 8, 16, 32, 64, 100
+SELDOM = 5  # of 200 frames at most try one more step: after 8, 16, 32, 64, 100 frames
 STARTS = {"map": "previous", "direct": "previous-direct"}
 CURVE = Curve((0, 2, 4, 8, 16), (6.0, 1.6, 0.6, 0.2, 0.06))
 

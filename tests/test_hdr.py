@@ -54,7 +54,7 @@ def test_weights_are_those_of_the_thesis() -> None:
 
 
 def by_hand(z: list[int], times: list[float], method: str, weighting: str, f: np.ndarray, w: np.ndarray) -> float:
-    """Estimates one pixel and channel with equations 3.4 and 3.6."""
+    """Estimate one pixel and channel with equations 3.4 and 3.6."""
     terms = [(float(w[code]), float(f[code]), t) for code, t in zip(z, times, strict=True) if w[code] > 0]
     bound = max((1 / t for code, t in zip(z, times, strict=True) if code == len(f) - 1), default=0.0)
     if not terms:

@@ -91,7 +91,7 @@ def test_a_reader_that_does_not_read_stops_nothing(tmp_path: Path, clock: Clock)
         heart.beat({})
     os.close(reader)
     clock.now += 1
-    heart.beat({})  # nor does a reader that has closed the pipe
+    heart.beat({})  # a closed pipe causes no error either
     heart.close()
     with pytest.raises(InputError, match="no heartbeat can be written here"):
         Heartbeat(tmp_path / "no" / "log", Notifier(None))

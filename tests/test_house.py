@@ -78,7 +78,7 @@ def packages_on_disk() -> Iterator[str]:
 
 
 def loaded_by(*names: str) -> list[str]:
-    """Imports modules in a fresh interpreter; returns the loaded modules that are heavy or belong to the tools."""
+    """Import modules in a fresh interpreter; return the loaded modules that are heavy or belong to the tools."""
     foreign = ("counterlight.tools", "counterlight.gl.")
     code = f"HEAVY, FOREIGN = {HEAVY!r}, {foreign!r}\nimport sys, {', '.join(names)}\n{LOADED}"
     return python("-c", code).split()
@@ -252,7 +252,7 @@ def test_the_scripts_that_the_mission_names_are_verbs_of_their_own(verb: str, na
     ],
 )
 def test_shells_complete_verbs_options_and_choices(line: str, expected: set[str], tmp_path: Path) -> None:
-    """Completes as argcomplete's scripts for the shells do."""
+    """Complete words as argcomplete's scripts for the shells do."""
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9", "IFS": "\v"}
     environment = os.environ | asked | {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "found")}
     subprocess.run([script(line.split()[0])], env=environment, cwd=tmp_path, timeout=TIMEOUT_S, check=False)
