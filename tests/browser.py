@@ -109,9 +109,7 @@ class Page:
         self._hit(selector, "pointerdown", drag)
 
     def _hit(self, selector: str, event: str, gesture: Callable[[], None]) -> None:
-        """Repeat a gesture until its event reaches the element, because the page may move or replace the element
-        meanwhile.
-        """
+        """Repeat a gesture until its event reaches the element, because the page may move or replace the element."""
         reached = f"e => {{ window.reached = e.target.closest({json.dumps(selector)}) !== null }}"
         deadline = time.monotonic() + PATIENCE_S
         while True:

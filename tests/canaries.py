@@ -14,9 +14,7 @@ _EVENT = struct.Struct("iIII")
 
 
 class Canary:
-    """Watched files and a TCP port. `touched` names the files opened or written, and the port if called, since the last
-    call.
-    """
+    """Watched files and a TCP port; `touched` names the files opened and the port called since the last look."""
 
     def __init__(self) -> None:
         self._inotify = _LIBC.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)

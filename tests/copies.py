@@ -1,6 +1,4 @@
-"""Copies of an interpreter that has already imported the product (warm_start.py); they act like
-subprocess.Popen.
-"""
+"""Copies of an interpreter that has imported the product (warm_start.py); they act like subprocess.Popen."""
 
 import atexit
 import functools

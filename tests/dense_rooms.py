@@ -21,9 +21,7 @@ def transport(
 
 
 def direct(rng: np.random.Generator) -> np.ndarray:
-    """Direct light on a textured wall, (camera, projector): each camera pixel sees the projector pixel at its own
-    position.
-    """
+    """Direct light on a textured wall, (camera, projector): each camera pixel sees one projector pixel."""
     y, x = (np.arange(side) * other // side for side, other in zip(CAMERA, PROJECTOR, strict=True))
     T = np.zeros(SHAPE)
     T[np.arange(SHAPE[0]), (y[:, None] * PROJECTOR[1] + x).ravel()] = rng.uniform(0.4, 1, SHAPE[0])

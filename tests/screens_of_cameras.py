@@ -6,9 +6,7 @@ from counterlight.screen import Screen
 
 
 def split_screen(camera: tuple[int, int], top: int) -> Screen:
-    """The upper camera, one pixel narrower, sees the screen's left part, turned and smaller; the lower camera its right
-    part.
-    """
+    """The upper camera, one pixel narrower, sees the screen's left part, turned and smaller; the lower, its right."""
     height, width = camera
     positions = np.zeros((height, width, 2), np.float32)
     y, x = np.mgrid[:height, :width] + 0.5

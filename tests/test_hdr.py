@@ -202,9 +202,7 @@ def test_the_response_is_recovered(
 
 
 def test_debevecs_system_is_the_papers(rng: np.random.Generator) -> None:
-    """colour-hdri solves the printed system with an unknown per pixel; eliminating these unknowns gives the same
-    answer.
-    """
+    """colour-hdri solves the printed system with one unknown per pixel; the product eliminates these unknowns."""
     times = [0.1, 0.8, 3.2]
     codes = (samples_of(rng, CURVES["srgb"], times, 60, 0.02)[..., 0] * 255).round().astype(int)
     weights = weight_table("hat", 256)

@@ -60,9 +60,7 @@ def test_columns_of_inverse_of_a_band(rng: np.random.Generator, reach: int, rast
 
 
 def test_the_residual_says_exactly_what_a_window_misses(rng: np.random.Generator, blur: Csr) -> None:
-    """Row x on a window has r = N x − 1_i: for any picture, p̃_i − p_i = rᵀ p, with p the exact drive; at most ‖r‖₁
-    max|p|.
-    """
+    """Row x on a window has r = N x − 1_i, and p̃_i − p_i = rᵀ p, at most ‖r‖₁ max|p|; p is the exact drive."""
     channel = WindowedChannel(blur, damping := 0.05)
     windows = Windows(EVERYWHERE, 4, 8)
     corner = (5, 12)
