@@ -24,7 +24,7 @@ def _alive(library: ctypes.CDLL, kind: str) -> list[int]:
 def _is_usable(library: ctypes.CDLL, program: int) -> bool:
     """Whether a program is linked and not deleted.
 
-    A deleted program keeps its name while in use, and moderngl leaves programs that fail to compile.
+    A deleted program keeps its name while in use, and moderngl never releases a program that fails to compile.
     """
     deleted, linked = ctypes.c_int(), ctypes.c_int()
     library.glGetProgramiv(ctypes.c_uint(program), GL_DELETE_STATUS, ctypes.byref(deleted))

@@ -62,7 +62,7 @@ def test_tiles_and_parts_are_read(tmp_path: Path, rng: np.random.Generator, comp
 def test_plain_files_are_exact_for_us_and_for_the_library(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, piece: int
 ) -> None:
-    """In pieces of one line, two lines and all lines. The channels are not in the file's order."""
+    """Files are read in pieces of one line, two lines and all lines. The channels are not in the file's order."""
     monkeypatch.setattr(exr_lines, "PIECE_BYTES", piece)
     picture = rng.normal(size=(7, 5, 4)).astype(np.float32)
     picture[0, 0] = [np.float32(1e-45), -0.0, np.inf, 3.4e38]
@@ -81,7 +81,7 @@ def test_plain_files_are_exact_for_us_and_for_the_library(
 
 
 def test_plain_files_that_others_wrote_are_read_the_same(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Uncompressed files by the library: in the product's layout, bottom up, in half precision, and mixed."""
+    """The library writes uncompressed files: in the product's layout, bottom up, in half precision, and mixed."""
     rgb = {name: rng.normal(size=(5, 4)).astype(np.float32) for name in "RGB"}
     halves = {name: values.astype(np.float16) for name, values in rgb.items()}
     header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -60,7 +60,7 @@ def test_the_svd_amplifies_noise_by_at_most_the_cut_off(condition: float) -> Non
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("method", [*SQUARES, *MAPS])
 def test_what_is_within_reach_is_lost_by_no_more_than_the_method_states(condition: float, method: str) -> None:
-    """The loss for b = T p, before the clamp, is λ/2 ‖p‖ with damping, the cut-off times ‖p‖ with dropped values."""
+    """The loss for b = T p, unclamped, is at most λ/2 ‖p‖ if damped, or the cut-off times ‖p‖ if truncated."""
     p = hard.rng(5).uniform(size=WALLS[condition].T.shape[1])
     case = replace(WALLS[condition], target=WALLS[condition].T @ p)
     residual = np.linalg.norm(case.T @ unclamped(case, method) - case.target)
