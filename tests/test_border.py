@@ -279,7 +279,7 @@ def test_numbered_pictures_stay_inside_too(media: Path, bird: Canary) -> None:
 
 
 def test_only_what_was_looked_at_is_opened_of_numbered_pictures(media: Path, bird: Canary) -> None:
-    """The product may find picture 7 as 07, but FFmpeg would open 7, so the folder is refused."""
+    """The product may find picture 7 as 07, but FFmpeg opens 7, so the check must follow the link 7.png."""
     for folder, name in (("media", "07.png"), ("media", "007.png"), ("outside", "7.png")):
         cv2.imwrite(str(media.parent / folder / name), np.full((8, 9, 3), 7, np.uint8))
     (media / "7.png").symlink_to(bird.watch(media.parent / "outside" / "7.png"))
