@@ -1,4 +1,4 @@
-"""Simulated rooms whose T is known, for tests of its acquisition."""
+"""Simulated rooms with a known T, for tests of acquisition."""
 
 from pathlib import Path
 
@@ -27,12 +27,12 @@ NOISY = CameraSettings(Sensor(20000, 5, 14))
 
 
 def dense(transport: Transport) -> np.ndarray:
-    """(3, camera pixels, projector pixels), near and far."""
+    """Returns T, near and far light: (3, camera pixels, projector pixels)."""
     return np.stack([transport.apply(np.repeat(column[:, None], 3, 1)) for column in np.eye(transport.shape[1])]).T
 
 
 def error(found: Transport, truth: Transport) -> float:
-    """Relative Frobenius error of T."""
+    """Relative Frobenius error of the measured T."""
     return float(np.linalg.norm(dense(found) - dense(truth)) / np.linalg.norm(dense(truth)))
 
 
@@ -48,7 +48,7 @@ def sharp_wall(rng: np.random.Generator, sigma: float = 0.5) -> Transport:
 
 
 def with_far_light(near: Transport, share: float) -> Transport:
-    """Every projector pixel also lights every camera pixel a little: `share` of all light."""
+    """Add far light: every projector pixel lights every camera pixel a little, with `share` of all light."""
     flood = near.composition()
     pixels = near.shape[1]
     cells = sparse.csr_array(np.full((1, pixels), 1 / pixels))
@@ -57,7 +57,7 @@ def with_far_light(near: Transport, share: float) -> Transport:
 
 
 def mirror(rng: np.random.Generator) -> Transport:
-    """Half of the camera sees a second, mirrored spot of the projector's picture."""
+    """T of a wall with a mirror: the upper half of the camera also sees a mirrored copy of the projector picture."""
     T = sharp_wall(rng).near
     row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]]
     flipped = (row * PROJECTOR[1] + PROJECTOR[1] - 1 - column).ravel()
@@ -66,7 +66,7 @@ def mirror(rng: np.random.Generator) -> Transport:
 
 
 def shown_by(path: Path) -> np.ndarray:
-    """The code values of a picture that a folder asks for: (height, width, 3)."""
+    """Read the code values of a PNG picture: (height, width, 3) RGB."""
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
     assert picture is not None, path
     return picture[..., ::-1]

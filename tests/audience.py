@@ -1,7 +1,7 @@
-"""What the audience sees of a projector: its pixels 30 times a second, judged against what a show may show.
+"""Watches a projector's pixels as the audience does, 30 times a second, and flags pictures that no show may show.
 
-The desktop is magenta and the films are flat green, so that a pixel of the desktop, of a decoration or of a letter is
-neither black nor of the picture's one green.
+The desktop is magenta and the films are flat green. A pixel of the desktop, a window decoration or a letter is
+therefore neither black nor the films' green.
 """
 
 import shutil
@@ -46,10 +46,11 @@ DESKTOP = "#ff00ff"
 
 
 class Audience:
-    """A thread that looks.
+    """Thread that grabs the projector's pixels and names each picture.
 
-    seen : what there was (name_of), one after the other, "" while the monitor is off.  since_s : when each began.
-    composited : whether the window manager draws the desktop before the windows of a monitor that comes back.
+    seen : names from `name_of`, in order, without repeats; "" while the monitor is off.
+    since_s : start of each entry of `seen`, in seconds.
+    composited : the window manager draws the desktop before the windows when a monitor comes back.
     """
 
     def __init__(self, display: str, folder: Path, *, composited: bool = False) -> None:
@@ -67,7 +68,7 @@ class Audience:
         return self.seen[-1] if self.seen else ""
 
     def leaves(self) -> None:
-        """Wait until the whole desktop is seen, when nothing of the show is left."""
+        """Wait until the audience sees the whole desktop, with nothing left of the show."""
         deadline = time.monotonic() + PATIENCE_S
         while self.now != "desktop":
             assert time.monotonic() < deadline, self.seen[-9:]
@@ -84,16 +85,16 @@ class Audience:
             self.pictures += 1
             try:
                 found = self._connection.screen().root.get_image(*BOX, X.ZPixmap, 0xFFFFFFFF)
-            except BadMatch:  # the monitor is off: the desktop ends before it
+            except BadMatch:  # the monitor is off, so the desktop ends before it
                 self._told("")
                 continue
             self._judge(np.frombuffer(found.data, np.uint8).reshape(PROJECTOR[1], PROJECTOR[0], 4)[..., 2::-1])
 
     def _judge(self, picture: NDArray[np.uint8]) -> None:
-        """picture : (height, width, 3) RGB codes."""
+        """Record the name of a picture, (height, width, 3) RGB codes, and save the first leaks as PNG files."""
         name = name_of(picture)
         if self._composited and self.seen and self.now == "" and name in ("desktop", "leak"):
-            return  # metacity's compositor draws the desktop first when a monitor comes back, for a picture or two
+            return  # metacity's compositor shows the desktop for one or two pictures when a monitor comes back
         self._told(name)
         if name == "leak":
             self.leaks.append(f"picture {self.pictures}, after {self.seen[-3:-1]}")
@@ -113,18 +114,18 @@ class Audience:
 
 
 class Evening:
-    """A supervised show of two films, and who looks at it."""
+    """Supervised show of two films and its audience."""
 
     def __init__(self, process: subprocess.Popen[str], audience: Audience) -> None:
         self.process, self.audience = process, audience
 
     def sees(self, *names: str) -> None:
-        """Wait until the audience has seen these, one after the other, from now on."""
+        """Wait until the audience has seen these pictures in this order, from now on."""
         for name in names:
             wait_until(lambda n=name: self.audience.now == n, f"{name}: {self.audience.seen[-9:]}", self.process)
 
     def child(self, module: bytes, *, other_than: int = 0) -> int:
-        """Process id of the player or the curtain, as soon as there is one."""
+        """Wait for the process of the player or the curtain and return its id."""
         found: list[int] = []
 
         def starts() -> bool:
@@ -153,7 +154,7 @@ def change(path: Path, text: str) -> None:
 
 
 def name_of(picture: NDArray[np.uint8]) -> str:
-    """ "desktop", "black", "dark", "bright", or "leak" for a picture that no show may show."""
+    """Returns "desktop", "black", "dark", "bright", or "leak" for a picture that no show may show."""
     if (picture == (255, 0, 255)).all():
         return "desktop"
     levels = picture[..., 1]
@@ -163,7 +164,7 @@ def name_of(picture: NDArray[np.uint8]) -> str:
 
 
 def write_room(folder: Path) -> None:
-    """A calibration of a grey wall that the camera sees as the projector, DUMMY1, does, pixel for pixel."""
+    """Write the calibration of a grey wall: the camera sees the picture of projector DUMMY1 pixel by pixel."""
     shape = PROJECTOR[::-1]
     pixels, device = shape[0] * shape[1], Device(*shape, Response("srgb"))
     projector = replace(device, monitor="DUMMY1")
@@ -174,7 +175,7 @@ def write_room(folder: Path) -> None:
 
 
 def write_films(folder: Path, frames: int) -> list[Path]:
-    """A flat film of each level."""
+    """Write one flat film per level."""
     films = [folder / f"{name}.mkv" for name in LEVELS]
     for film, level in zip(films, LEVELS.values(), strict=True):
         with av.open(str(film), "w") as container:
@@ -189,7 +190,7 @@ def write_films(folder: Path, frames: int) -> list[Path]:
 
 @contextmanager
 def theatre(folder: Path, manager: str) -> Iterator[str]:
-    """DISPLAY of a magenta desktop of two monitors, a desk and a projector, under a window manager."""
+    """Start a magenta desktop of two monitors (desk, projector) under a window manager; yield its DISPLAY."""
     with ExitStack() as stack:
         display = stack.enter_context(screens.two_monitors(folder, PROJECTOR))
         subprocess.run(["xsetroot", "-solid", DESKTOP], check=True, env=_alone(display, folder))
@@ -200,7 +201,7 @@ def theatre(folder: Path, manager: str) -> Iterator[str]:
 
 @contextmanager
 def managed(display: str, folder: Path, manager: str) -> Iterator[subprocess.Popen[Any]]:
-    """A window manager that has begun its work; killed at the end, if it has not ended by then."""
+    """Start a window manager, wait until it is ready, and kill it at the end."""
     program, *_ = command = manager.split()
     assert shutil.which(program), f"{program} is not installed; make test installs it, counterlight doctor says how"
     with (folder / f"{program}.log").open("ab") as log:
@@ -221,18 +222,18 @@ def managed(display: str, folder: Path, manager: str) -> Iterator[subprocess.Pop
 
 
 def _stands(connection: Display, root: Any, check: int) -> bool:
-    """Whether there is a window manager that lives: its window names itself."""
+    """Whether a live window manager owns the root window: its check window names itself."""
     named = root.get_full_property(check, X.AnyPropertyType)
     if named is None:
         return False
     window = connection.create_resource_object("window", named.value[0])
     try:
         itself = window.get_full_property(check, X.AnyPropertyType)
-    except Exception:  # of a window manager that has died
+    except Exception:  # the window manager has died
         return False
     return itself is not None and itself.value[0] == named.value[0]
 
 
 def _alone(display: str, folder: Path) -> dict[str, str]:
-    """Of nobody's settings."""
+    """Environment without user settings."""
     return {"HOME": str(folder), "PATH": "/usr/bin:/bin", "XDG_RUNTIME_DIR": str(folder), **on(display)}

@@ -1,4 +1,4 @@
-"""An objective as one bounded least squares, for scipy: min ½‖A p − a‖², A = [√w T; √η; √ω D], a = [√w b; 0; 0]."""
+"""The objective as one bounded least squares for scipy: min ½‖A p − a‖², A = [√w T; √η; √ω D], a = [√w b; 0; 0]."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 
 
 def augmented(objective: Objective, b: FloatArray, i: int) -> tuple[FloatArray, FloatArray]:
-    """A, dense, and a of channel i; near light alone.  b : (camera pixels, 3)."""
+    """Returns A, dense, and a for channel i, from near light alone; b is (camera pixels, 3)."""
     root = np.sqrt(objective.weights)
     rows = [root[:, None] * channel(objective.T.near, i).toarray()]
     target = root * objective.bounded(b)[:, i]
@@ -32,11 +32,11 @@ def augmented(objective: Objective, b: FloatArray, i: int) -> tuple[FloatArray, 
 
 
 def best(objective: Objective, b: FloatArray, i: int) -> float:
-    """The least objective of channel i over 0 ≤ p ≤ 1."""
+    """Minimum of the objective of channel i over 0 ≤ p ≤ 1."""
     return float(lsq_linear(*augmented(objective, b, i), (0, 1), method="bvls", tol=1e-12).cost)
 
 
 def value(objective: Objective, p: FloatArray, b: FloatArray, i: int) -> float:
-    """The objective of channel i at p, (projector pixels, 3)."""
+    """Objective of channel i at p, (projector pixels, 3)."""
     A, a = augmented(objective, b, i)
     return float(np.sum((A @ p[:, i] - a) ** 2) / 2)

@@ -1,4 +1,4 @@
-"""Rooms far out of focus, small: T of discs, entry by entry in numpy, and the same in cells."""
+"""Small rooms far out of focus: T of discs, entry by entry in numpy, and the same T compressed into cells."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport, dense_rows
 
-CAMERA, PROJECTOR = (29, 35), (27, 31)  # of sizes that no block divides
+CAMERA, PROJECTOR = (29, 35), (27, 31)  # no block divides these sizes
 LIMIT = 0.008
 
 
@@ -24,7 +24,7 @@ def discs(
     projector: tuple[int, int] = PROJECTOR,
     tinted: bool = True,
 ) -> NDArray[np.float64]:
-    """T, (3, camera pixels, projector pixels): each camera pixel sees a disc of projector pixels, soft at its rim."""
+    """Returns T, (3, camera pixels, projector pixels): a camera pixel sees a soft-edged disc of projector pixels."""
     y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
     v, u = np.mgrid[: projector[0], : projector[1]].reshape(2, 1, -1)
     away = np.hypot((y + 0.5) * projector[0] / camera[0] - v - 0.5, (x + 0.5) * projector[1] / camera[1] - u - 0.5)
@@ -34,7 +34,7 @@ def discs(
 
 
 def rows_of(T: NDArray[np.float64]) -> SparseRows:
-    """Without its zeros, float32."""
+    """Convert T to sparse float32 rows without zeros."""
     rows = dense_rows(T.astype(np.float32))
     return rows.inside(np.ones(rows.shape[0], bool))
 
@@ -46,13 +46,13 @@ def in_blocks(
     camera: tuple[int, int] = CAMERA,
     projector: tuple[int, int] = PROJECTOR,
 ) -> Transport:
-    """S + B P for T."""
+    """Compress T to S + B P: near light plus blurred light."""
     near, scatter = in_cells(rows_of(T), projector, limit)
     return Transport(near, far, camera, projector, Pyramid(projector).light(scatter))
 
 
 def written_out(T: Transport) -> NDArray[np.float64]:
-    """Entry by entry, (3, camera pixels, projector pixels), by numpy alone."""
+    """Expand T to a dense (3, camera pixels, projector pixels) with numpy alone."""
 
     def dense(rows: SparseRows) -> NDArray[np.float64]:
         full = np.zeros((3, *rows.shape))
@@ -68,13 +68,13 @@ def written_out(T: Transport) -> NDArray[np.float64]:
 
 
 def write_room(folder: Path, transport: Transport) -> None:
-    """A calibration folder; all camera pixels count."""
+    """Write a calibration folder whose mask includes all camera pixels."""
     with writing(folder, calibrated(transport)) as stage:
         write_transport(transport, stage)
 
 
 def calibrated(transport: Transport) -> Calibration:
-    """What a room says beside its transport."""
+    """Calibration of a room with this transport."""
     assert transport.camera is not None
     assert transport.projector is not None
     devices = Device(*transport.projector, Response("srgb")), Device(*transport.camera, Response("linear"))
@@ -83,7 +83,7 @@ def calibrated(transport: Transport) -> Calibration:
 
 
 def far_light(shape: tuple[int, int]) -> FarLight:
-    """A tenth of all light, about: two cells that each take the mean of the picture and are seen by every pixel."""
+    """Far light of two cells, a tenth of all light: each averages the picture; every camera pixel sees both."""
     rows, columns = shape
     gather = dense_rows(np.full((3, 2, columns), 1 / columns))
     return FarLight(gather, np.full((3, 2, 2), 0.1), dense_rows(np.full((3, rows, 2), 0.2)))

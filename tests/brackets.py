@@ -1,4 +1,4 @@
-"""Synthetic exposure brackets: known light, known camera."""
+"""Synthetic exposure brackets with known light and a known camera."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ CURVES = {
 
 
 def codes_of(light: np.ndarray, exposure_s: float, response: Response, top: int = 255) -> np.ndarray:
-    """What a camera stores of light (height, width, channels): the nearest code, clipped."""
+    """Codes that a camera stores for light (height, width, channels): rounded to the nearest code and clipped."""
     grid = np.linspace(0, 1, 4096)
     curve = response.to_linear(grid[:, None].repeat(3, axis=1))[:, 0]
     values = np.interp(light * exposure_s, curve, grid)
@@ -26,7 +26,7 @@ def codes_of(light: np.ndarray, exposure_s: float, response: Response, top: int 
 
 
 def random_scene(rng: np.random.Generator, shape: tuple[int, int, int], decades: float = 3.0) -> np.ndarray:
-    """Light spread evenly over so many decades below 1, smooth enough that neighbours are alike."""
+    """Random light spread evenly over `decades` below 1, smooth within blocks of 8x8 pixels."""
     coarse = rng.uniform(-decades, 0, (-(-shape[0] // 8), -(-shape[1] // 8), shape[2]))
     blocks = coarse.repeat(8, axis=0).repeat(8, axis=1)[: shape[0], : shape[1]]
     return np.asarray(10.0 ** (blocks + rng.uniform(-0.02, 0.02, shape)))
@@ -38,7 +38,7 @@ def write_picture(path: Path, codes: np.ndarray) -> Path:
 
 
 def write_bracket(folder: Path, light: np.ndarray, times: list[float], response: Response, top: int = 255) -> list[str]:
-    """PNG files in the order of the times; returns their names."""
+    """Write PNG files in the order of `times` and return their names."""
     folder.mkdir(parents=True, exist_ok=True)
     return [
         str(write_picture(folder / f"shot{i:02}.png", codes_of(light, t, response, top))) for i, t in enumerate(times)

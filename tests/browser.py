@@ -1,4 +1,4 @@
-"""A real browser: Debian's Chromium without a window, driven by the DevTools protocol."""
+"""Headless Chromium (Debian's), driven by the DevTools protocol."""
 
 import base64
 import contextlib
@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 
 from tests.programs import PATIENCE_S
 
-# Containers have no user namespaces for its sandbox, and a small /dev/shm; nothing but the page under test is loaded.
+# Containers lack user namespaces for Chromium's sandbox and have a small /dev/shm. Only the page under test is loaded.
 OPTIONS = (
     "--headless=new",
     "--no-sandbox",
@@ -28,19 +28,19 @@ OPTIONS = (
 )
 
 
-WENT_AWAY = -32000  # what Chromium answers where a page gives way to another one meanwhile
+WENT_AWAY = -32000  # Chromium's error code when the page is replaced during a call
 
 
 class WentAwayError(Exception):
-    """The page that was asked is no longer there."""
+    """The page was replaced before it answered."""
 
 
 class Page:
-    """One tab."""
+    """Browser tab."""
 
     def __init__(self, socket: Any) -> None:
         self._socket, self._numbers = socket, itertools.count(1)
-        self.complaints: list[str] = []  # what the console said of errors
+        self.complaints: list[str] = []  # errors from the browser's console
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
 
@@ -60,20 +60,23 @@ class Page:
         self.call("Page.navigate", url=address)
 
     def size(self, width: int, height: int, *, phone: bool = False) -> None:
-        """phone : with a finger, and two pixels of the screen to one of the page."""
+        """Set the window size in pixels.
+
+        phone : touch input, and two screen pixels per page pixel.
+        """
         scale = 2 if phone else 1
         self.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=phone
         )
 
     def ask(self, expression: str) -> Any:
-        """The value of an expression in the page; fails where that throws."""
+        """Evaluate an expression in the page and return its value; fails if the expression throws."""
         told = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in told, told["exceptionDetails"]
         return told["result"].get("value")
 
     def wait(self, expression: str) -> Any:
-        """Until an expression is true, which is then its value; a page that is not there yet has none."""
+        """Wait until an expression is true and return its value; a page that is still loading counts as false."""
         deadline = time.monotonic() + PATIENCE_S
         tried = f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()"
         while True:
@@ -84,7 +87,7 @@ class Page:
             time.sleep(0.05)
 
     def middle(self, selector: str) -> tuple[float, float]:
-        """Of an element, which is brought into view."""
+        """Scroll an element into view and return the position of its centre."""
         box = (
             f"(e => {{ e.scrollIntoView({{block: 'center'}}); const b = e.getBoundingClientRect();"
             f" return [b.left + b.width / 2, b.top + b.height / 2]; }})(document.querySelector({json.dumps(selector)}))"
@@ -96,7 +99,7 @@ class Page:
         self._hit(selector, "click", lambda: self.drag(self.middle(selector)))
 
     def slide(self, selector: str, share: float) -> None:
-        """From an element's middle to the right, by a share of its width."""
+        """Drag from an element's centre to the right, by `share` of its width."""
         width = self.ask(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().width")
 
         def drag() -> None:
@@ -106,18 +109,18 @@ class Page:
         self._hit(selector, "pointerdown", drag)
 
     def _hit(self, selector: str, event: str, gesture: Callable[[], None]) -> None:
-        """Repeat a gesture until its event reaches the element, which the page may move or replace meanwhile."""
+        """Repeat a gesture until its event reaches the element, because the page may move or replace the element."""
         reached = f"e => {{ window.reached = e.target.closest({json.dumps(selector)}) !== null }}"
         deadline = time.monotonic() + PATIENCE_S
         while True:
             self.ask(f"window.reached = false; addEventListener('{event}', {reached}, {{capture: true, once: true}})")
             gesture()
-            if self.ask("window.reached") is not False:  # nor of the page that it leads to
+            if self.ask("window.reached") is not False:  # None after the click has opened another page
                 return
             assert time.monotonic() < deadline, (selector, self.complaints)
 
     def drag(self, *points: tuple[float, float]) -> None:
-        """The left mouse button pressed at the first point and released at the last."""
+        """Press the left mouse button at the first point, move along the points and release it at the last."""
         for number, (x, y) in enumerate(points):
             self._mouse("mouseMoved", x, y, held=number > 0)
             if number == 0:
@@ -140,7 +143,7 @@ class Page:
 
 @contextmanager
 def browser(folder: Path) -> Iterator[Callable[[], Page]]:
-    """A browser that is ended afterwards; what is yielded opens a tab."""
+    """Start a browser and end it afterwards; the yielded function opens a tab."""
     program = shutil.which("chromium")
     assert program is not None, "chromium is not installed; make test installs it, counterlight doctor says how"
     command = [program, *OPTIONS, f"--user-data-dir={folder}", "--remote-debugging-port=0", "about:blank"]
@@ -161,7 +164,7 @@ def browser(folder: Path) -> Iterator[Callable[[], Page]]:
 
 
 def _port(folder: Path, process: subprocess.Popen[bytes]) -> str:
-    """Of the DevTools protocol, which the browser writes into its folder."""
+    """Port of the DevTools protocol, which the browser writes into its folder."""
     told, deadline = folder / "DevToolsActivePort", time.monotonic() + PATIENCE_S
     while not (told.exists() and "\n" in told.read_text()):
         assert process.poll() is None, (folder / "log").read_text()

@@ -1,4 +1,4 @@
-"""Rooms of one projector as several cameras see them, made of known maps from camera pixels to the projector's."""
+"""Rooms of one projector and several cameras, made from known maps of camera pixels to projector positions."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +16,7 @@ from tests.programs import succeed
 
 PROJECTOR = (27, 48)
 FIRST, SECOND = (36, 50), (32, 44)  # (height, width) of the cameras
-SPREAD = 0.6  # projector pixels: σ of a footprint
+SPREAD = 0.6  # σ of a footprint, in projector pixels
 LINEAR = Response("linear")
 Map = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # camera pixel -> projector position
 
@@ -29,20 +29,20 @@ def homography(H: np.ndarray) -> Map:
     return where
 
 
-# The first camera sees the projector's left two thirds, the second its right two thirds, each askew.
+# The first camera sees the projector's left two thirds and the second its right two thirds, each at an angle.
 LEFT = np.array([[0.62, 0.03, 2.0], [-0.02, 0.65, 2.0], [0.0008, 0.0003, 1.0]])
 RIGHT = np.array([[0.66, -0.03, 17.0], [0.02, 0.7, 2.5], [-0.0006, 0.0004, 1.0]])
-# From the projector's pixels to those of another one, whose picture lies askew over the first one's.
+# Maps pixels of the first projector to pixels of a second projector, whose picture overlaps the first at an angle.
 BESIDE = np.array([[0.94, 0.05, -4.0], [-0.04, 1.02, 1.5], [0.0, 0.0002, 1.0]])
 
 
 def beside(H: np.ndarray) -> Map:
-    """Of the other projector, on the same paint."""
+    """Map from camera pixels to the second projector, which lights the same paint."""
     return homography(BESIDE @ H)
 
 
 def folded(H: np.ndarray, fold: float = 24.0, bend: float = 0.25) -> Map:
-    """Beyond a line of the projector's picture the wall turns away: the camera sees it compressed."""
+    """Map to a wall that turns away beyond the projector column `fold`: the camera sees the rest compressed."""
     straight = homography(H)
 
     def where(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +53,7 @@ def folded(H: np.ndarray, fold: float = 24.0, bend: float = 0.25) -> Map:
 
 
 def paint(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Reflectance of the wall where the projector's pixels fall, (n, 3)."""
+    """Reflectance of the wall at projector positions (u, v), (n, 3)."""
     wave = np.sin(u / 2.3) * np.cos(v / 1.7)
     return np.stack([0.7 + 0.2 * wave, 0.65 - 0.15 * wave, 0.6 + 0.1 * np.sin(v / 3)], axis=-1)
 
@@ -66,9 +66,9 @@ def centres(camera: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
 def transport_seen(
     camera: tuple[int, int], where: Map, gain: tuple[float, float, float] = (1, 1, 1), painted: Map | None = None
 ) -> Transport:
-    """T of a wall in the projector's light: Gaussian footprints around what each pixel looks at.
+    """T of a wall with Gaussian footprints around the projector position of each camera pixel.
 
-    painted : where on the paint each pixel looks, if not where the projector's picture is.
+    painted : map from camera pixels to positions on the paint; None uses `where`.
     """
     u, v = where(*centres(camera))
     on_paint = (painted or where)(*centres(camera))
@@ -82,7 +82,7 @@ def transport_seen(
 
 
 def calibration_of(transport: Transport, name: str, ambient: float = 0.01) -> Calibration:
-    """Counted is what most of a footprint lights."""
+    """Calibration whose mask keeps camera pixels with most of their footprint inside the picture."""
     assert transport.camera is not None
     light = transport.composition().reshape(*transport.camera, 3)
     mask = light.min(axis=2) > 0.35
@@ -97,9 +97,11 @@ def write_views(
     bend: Callable[[np.ndarray], Map] = homography,
     painted: Callable[[np.ndarray], Map] | None = None,
 ) -> list[Path]:
-    """Calibrations `first` and `second` of the two cameras; gain : of the second's light.
+    """Write calibrations `first` and `second`, one per camera.
 
-    bend : a camera's homography -> where it sees the projector's picture.  painted : likewise the paint, if elsewhere.
+    gain : RGB gain of the second camera.
+    bend : converts a camera's homography to its map to the projector picture.
+    painted : converts a camera's homography to its map to the paint; None uses `bend`.
     """
     rooms = []
     for name, camera, H, factor in (("first", FIRST, LEFT, (1, 1, 1)), ("second", SECOND, RIGHT, gain)):
@@ -111,7 +113,10 @@ def write_views(
 
 
 def write_pairs(folder: Path, gain: tuple[float, float, float] = (1, 1, 1)) -> list[Path]:
-    """Calibrations `first pair` and `second pair`: two projectors, as each camera saw them; gain : of the second's."""
+    """Write calibrations `first pair` and `second pair`: two projectors, as each camera sees them.
+
+    gain : RGB gain of the second camera.
+    """
     alone = write_views(folder / "one", gain), write_views(folder / "other", gain, beside, homography)
     pairs = []
     for views in zip(*alone, strict=True):
@@ -121,13 +126,13 @@ def write_pairs(folder: Path, gain: tuple[float, float, float] = (1, 1, 1)) -> l
 
 
 def position_in_first(camera: tuple[int, int], H: np.ndarray) -> np.ndarray:
-    """Where the first camera sees what a camera of a flat wall sees, (height, width, 2)."""
+    """Position in the first camera of the wall point that each pixel of a camera sees, (height, width, 2)."""
     u, v = homography(H)(*centres(camera))
     return np.stack(homography(np.linalg.inv(LEFT))(u, v), axis=-1).reshape(*camera, 2)
 
 
 def looks_at(scene: Scene, other: Scene) -> np.ndarray:
-    """Where `other`'s camera sees what each pixel of `scene`'s sees, (height, width, 2)."""
+    """Position in `other`'s camera of the point that each pixel of `scene`'s camera sees, (height, width, 2)."""
     directions, _ = scene.camera.pixel_rays(range(scene.camera.height), 1)
     x, y, _ = other.camera.project(trace(scene.camera.position, directions, scene.surfaces).point)
     return np.stack([x, y], axis=-1).reshape(scene.camera.height, scene.camera.width, 2)

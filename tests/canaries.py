@@ -1,4 +1,4 @@
-"""What must not be touched: files whose every opening the kernel reports, a port whose every caller waits in line."""
+"""Detects forbidden access: inotify reports each opening of a file, and a port queues each connection."""
 
 import ctypes
 import os
@@ -14,7 +14,7 @@ _EVENT = struct.Struct("iIII")
 
 
 class Canary:
-    """Files and a TCP port of this machine; `touched` names what was opened, written or called since the last look."""
+    """Watched files and a TCP port; `touched` names the files opened and the port called since the last look."""
 
     def __init__(self) -> None:
         self._inotify = _LIBC.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
@@ -25,7 +25,7 @@ class Canary:
         self.port = self._socket.getsockname()[1]
 
     def watch(self, path: Path) -> Path:
-        """Have every opening of a file told from now on."""
+        """Report every opening of this file from now on."""
         number = _LIBC.inotify_add_watch(self._inotify, os.fsencode(path), _OPENED | _MODIFIED)
         assert number >= 0, os.strerror(ctypes.get_errno())
         self._names[number] = path.name

@@ -1,4 +1,4 @@
-"""Rooms whose camera channels see several primaries, all nine matrices written out, without the product's tiers."""
+"""Rooms whose camera channels see several primaries: all nine matrices, without the product's code for mixing."""
 
 from dataclasses import dataclass, replace
 
@@ -20,23 +20,20 @@ CROSSTALK = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]
 
 @dataclass(frozen=True)
 class ColouredRoom:
-    """What an acquisition finds of a room, and what the room is.
-
-    nine : (3, 3, camera pixels, projector pixels), camera channel by primary, radiance per unit drive.
-    """
+    """Room as an acquisition measures it, with its true nine matrices."""
 
     calibration: Calibration
     transport: Transport
     nine: FloatArray
 
     def radiance(self, drive: FloatArray) -> FloatArray:
-        """c_k = Σ_l T_kl p_l + e_k (thesis eq. 4.1) as a picture; drive : (projector pixels, 3)."""
+        """Compute c_k = Σ_l T_kl p_l + e_k (thesis eq. 4.1) as a picture; drive is (projector pixels, 3)."""
         light = np.einsum("klij,jl->ik", self.nine, drive.reshape(-1, 3))
         return np.asarray(light.reshape(*self.calibration.camera.shape, 3) + self.calibration.ambient)
 
 
 def mixing_of_condition(condition: float) -> FloatArray:
-    """(1 − s) I + s/3, rows of sum 1; its singular values are 1 and twice 1 − s = 1 / condition."""
+    """Returns (1 − s) I + s/3, whose rows sum to 1; its singular values are 1 and, twice, 1 − s = 1 / condition."""
     share = 1 - 1 / condition
     return (1 - share) * np.eye(3) + share / 3
 
@@ -51,10 +48,10 @@ def coloured_room(
     ambient: float = 0.01,
     shift: tuple[float, float] = (0, 0),
 ) -> ColouredRoom:
-    """A blurred surface, a third of it white; F_kl = M_kl ρ_l (1 ± paint), each field with a colour of its own.
+    """Blurred surface, a third of it white: F_kl = M_kl ρ_l (1 ± paint), with a random colour per field of 5x4 pixels.
 
-    paint : how much the reflectance seen by one channel differs from that of the primary's peak.  shift : of the
-    projector's picture, its pixels right and down.
+    paint : relative difference of the reflectance between a channel and the primary's peak.
+    shift : of the projector picture, in projector pixels right and down.
     """
     G = blurred_transport(rng, camera, projector, 0.6, shift).toarray().astype(np.float64)
     G /= G.sum(axis=1, keepdims=True)
@@ -74,18 +71,18 @@ def coloured_room(
         np.ones(camera, bool),
         primaries,
     )
-    acquired = [Csr(nine[k].sum(axis=0).astype(np.float32)) for k in range(3)]  # by patterns of white light
+    acquired = [Csr(nine[k].sum(axis=0).astype(np.float32)) for k in range(3)]  # captured with white patterns
     return ColouredRoom(calibration, Transport.from_matrices(acquired, camera=camera, projector=projector), nine)
 
 
 def _fields(values: FloatArray, camera: tuple[int, int]) -> FloatArray:
-    """The same value in fields of 5 × 4 pixels, (camera pixels, …)."""
+    """Make values constant within fields of 5 × 4 pixels, (camera pixels, …)."""
     y, x = np.mgrid[: camera[0], : camera[1]]
     return np.asarray(values[y // 4, x // 5].reshape(-1, *values.shape[2:]))
 
 
 def with_mixing(room: Room, rng: np.random.Generator) -> Room:
-    """The same maps beyond a mixing of every camera pixel; some pixels' grey asks nothing of a primary."""
+    """Add a mixing per camera pixel to a room; for some camera pixels, grey needs none of a primary."""
     B = np.eye(3) + 0.3 * rng.uniform(-1, 1, (*room.calibration.camera.shape, 3, 3))
     B[::4, ::3, :, 1] = [0.9, 0.9, 0.6]
     B[::4, ::3, 2] += [0, 0, 0.9]

@@ -1,6 +1,6 @@
-"""Fixtures: seeded numbers, OpenGL without leaks, screens, the shared data.
+"""Fixtures: seeded random numbers, OpenGL contexts with leak checks, X servers, shared data.
 
-A missing OpenGL or X server is a failure, never a skip: the product is nothing without them.
+A missing OpenGL context or X server fails the tests instead of skipping them, because the product needs both.
 """
 
 import gc
@@ -26,35 +26,35 @@ from tests.media import rings
 from tests.programs import PATIENCE_S, descendants
 
 ROOT = Path(__file__).resolve().parents[1]
-MEMORY, ROOM_BYTES = Path("/dev/shm"), 1 << 30  # a whole run takes a fifth of it
+MEMORY, ROOM_BYTES = Path("/dev/shm"), 1 << 30  # a whole run uses a fifth of this
 
 
 def _keeps_files(folder: Path) -> bool:
-    """Whether there is room for what tests write, and programs that they write may run there."""
+    """Whether a folder has enough free space for the tests and allows programs in it to run."""
     if not folder.is_dir():
         return False
     found = os.statvfs(folder)
     return not found.f_flag & os.ST_NOEXEC and found.f_bavail * found.f_frsize >= ROOM_BYTES
 
 
-# What the product writes is on the disk before it says so (fsync), which takes a busy one longer than all the rest.
+# The product calls fsync before it reports success, which takes longer than everything else on a busy disk.
 if _keeps_files(MEMORY):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
 
-# The threads of BLAS wait for each other by spinning, which takes a small matrix ten times as long on a busy core, and
-# a program on an idle machine a third of its processor time. test_wheel.py runs commands with as many as a user's.
+# BLAS threads wait by spinning: a small matrix takes ten times as long on a busy core, and a program on an idle machine
+# loses a third of its processor time. test_wheel.py runs commands with a user's number of threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-log_natively(av.logging.ERROR)  # tests encode in their own process
+log_natively(av.logging.ERROR)  # tests encode in this process
 
-# Run in the background of a script, pytest and all that it starts would ignore Ctrl-C, which tests send.
+# A script's background jobs ignore Ctrl-C. Tests send Ctrl-C, so restore its handler for pytest and its children.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # by nohup: likewise for terminals that go
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup ignores SIGHUP; tests close terminals
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
-# Files that take 40 s or more of one worker, the longest first: at the end of a run, other workers would wait for them.
+# Files that take one worker 40 s or more, longest first, so that no worker runs alone at the end.
 LONGEST_FIRST = (
     "test_lint.py", "gl/test_audience.py", "test_supervisor.py", "test_unweighted_optimum.py", "test_segments.py",
     "test_cluster.py", "gl/test_window.py", "gl/test_remote_page.py", "test_player.py", "test_study.py",
@@ -67,16 +67,16 @@ LONGEST_FIRST = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of LONGEST_FIRST come first; xdist hands files out in this order (--no-loadscope-reorder)."""
+    """Put files of LONGEST_FIRST first; xdist distributes files in this order (--no-loadscope-reorder)."""
     rank = {ROOT / "tests" / name: number for number, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def frozen() -> None:
-    """What earlier modules keep goes through no collection, which every test with OpenGL asks for.
+    """Exclude objects of earlier modules from garbage collection, which every test with OpenGL runs.
 
-    Of half a million objects, it takes 0.13 s; after most of the tests there are more than a million.
+    Collecting half a million objects takes 0.13 s; after most of the tests there are more than a million.
     """
     gc.collect()
     gc.freeze()
@@ -84,41 +84,42 @@ def frozen() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_blas_thread() -> Iterator[None]:
-    """In this process, too, which has imported numpy before it set OPENBLAS_NUM_THREADS."""
+    """Limit BLAS to one thread in this process, which imported numpy before OPENBLAS_NUM_THREADS was set."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
 
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """Random numbers that are the same in every run."""
+    """Random numbers with a fixed seed."""
     return np.random.default_rng(20060504)
 
 
 @pytest.fixture
 def gl_context() -> Iterator[moderngl.Context]:
-    """A fresh OpenGL context through EGL (5 ms each), current in this thread.
+    """Fresh OpenGL context through EGL (5 ms each), current in this thread.
 
-    The test fails if it leaves an OpenGL error behind or an object that it did not release.
+    Fails the test if it leaves an OpenGL error or an unreleased object.
     """
     with headless_context() as context, context:
-        # Nothing is released behind our back, and context.objects grows with every object that Python forgets.
+        # moderngl must not release objects by itself: context.objects grows with every object that Python drops.
         context.gc_mode = "context_gc"
         assert context.error == "GL_NO_ERROR"
         before = live_objects()
         yield context
-        with context:  # the test may have made another one current
+        with context:  # the test may have made another context current
             error, after = context.error, live_objects()
         assert error == "GL_NO_ERROR"
         assert after == before, "OpenGL objects were not released"
-        gc.collect()  # while there is a context to forget them
+        gc.collect()  # moderngl needs the context to drop its objects
 
 
 @pytest.fixture(scope="module")
 def xvfb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """DISPLAY of a screen of 1280x720 (Xvfb), for programs that tests start.
+    """DISPLAY of a 1280x720 screen (Xvfb), for programs that tests start.
 
-    A server a module: it starts in 0.2 s, and tests that count this process's children elsewhere find none.
+    Each module has its own server, which starts in 0.2 s. Other modules count this process's children and must find
+    none.
     """
     with screens.one_screen(tmp_path_factory.mktemp("xvfb")) as display:
         yield display
@@ -133,13 +134,13 @@ def two_monitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder of large test data beside the checkout; it may be absent."""
+    """Folder of large test data next to the checkout; it may be absent."""
     return ROOT.parent / "shared" / "data"
 
 
 @pytest.fixture
 def nothing_is_left() -> Iterator[None]:
-    """No memory of decoded frames and no decoder process of this process survives a test."""
+    """Fail a test that leaves memory of decoded frames or a decoder process."""
     yield
     all_ended()
     assert rings() == []
@@ -148,7 +149,7 @@ def nothing_is_left() -> Iterator[None]:
 
 @pytest.fixture
 def manager(tmp_path: Path) -> Iterator[socket.socket]:
-    """A service manager's socket, at tmp_path/notify."""
+    """Socket of a service manager at tmp_path/notify."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
         inbox.bind(str(tmp_path / "notify"))
         inbox.settimeout(PATIENCE_S)

@@ -1,4 +1,4 @@
-"""Processes that are copies of an interpreter which has imported the product (warm_start.py), used as any other."""
+"""Copies of an interpreter that has imported the product (warm_start.py); they act like subprocess.Popen."""
 
 import atexit
 import functools
@@ -16,17 +16,17 @@ from typing import TextIO
 
 from tests import warm_start
 
-# Variables that nothing reads while it is imported; with others, an interpreter has to start anew.
+# Variables that no module reads at import. A change to any other variable needs a new interpreter.
 LATE = {"DISPLAY", "WAYLAND_DISPLAY", "HOME", "PATH", "TMPDIR", "NOTIFY_SOCKET", "PYTEST_CURRENT_TEST"}
-ERRORS = 2  # our own, which a process may share
+ERRORS = 2  # descriptor of standard error, which a process may share with this one
 
 
 @functools.cache
 def _warm() -> tuple[socket.socket, Mapping[str, str]]:
-    """Where requests go, and the variables that were set while modules were imported."""
+    """Start the warm interpreter; return its request socket and the variables that were set at import."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     atexit.register(ours.close)
-    readable, pipe = os.pipe()  # Python treats streams by what they are at its start
+    readable, pipe = os.pipe()  # Python chooses the buffering of its streams at startup, so they must be pipes then
     words = sys.executable, warm_start.__file__, str(theirs.fileno())
     with theirs:
         subprocess.run(
@@ -38,7 +38,7 @@ def _warm() -> tuple[socket.socket, Mapping[str, str]]:
 
 
 def read_early(variables: Mapping[str, str]) -> bool:
-    """Whether there are variables that a copy would see too late."""
+    """Whether a changed variable is read at import, too early for a copy."""
     _, before = _warm()
     return any(
         variables.get(name) != before.get(name) and name not in LATE and not name.startswith("XDG_")
@@ -47,10 +47,13 @@ def read_early(variables: Mapping[str, str]) -> bool:
 
 
 class Copy:
-    """What tests use of a subprocess.Popen, whose text comes by pipes."""
+    """Process with the part of subprocess.Popen's interface that tests use; text through pipes."""
 
     def __init__(self, words: list[str], variables: Mapping[str, str], folder: Path, errors: int | None) -> None:
-        """errors : a descriptor, PIPE, or None for our own."""
+        """Start a copy.
+
+        errors : a descriptor, PIPE, or None for this process's standard error.
+        """
         self.args, self.returncode = words, None
         self.stdout: TextIO
         self.stderr: TextIO | None = None
@@ -86,7 +89,7 @@ class Copy:
         return self.returncode
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str | None]:
-        """What it has printed by its end, and what has not been read of that; as often as one likes."""
+        """Wait for the end and return the unread text of stdout and stderr; may be called repeatedly."""
         until = None if timeout is None else time.monotonic() + timeout
         streams = [stream for stream in (self.stdout, self.stderr) if stream]
         if not self._readers:

@@ -1,4 +1,4 @@
-"""Colour tables for tests: a bent identity with noise, so that every sample and every axis shows."""
+"""Colour tables for tests: a bent identity with noise, which makes every sample and every axis differ."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ UNIT = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 def write_cube(
     path: Path, rng: np.random.Generator, size: int, domain: tuple[tuple[float, ...], tuple[float, ...]] = UNIT
 ) -> Path:
-    """A .cube file; red changes fastest."""
+    """Write a .cube file, in which red changes fastest."""
     axis = np.linspace(0, 1, size)
     blue, green, red = np.meshgrid(axis, axis, axis, indexing="ij")
     colours = np.stack([red**1.5, 0.9 * green + 0.1 * red, blue**0.7], axis=-1) + rng.normal(

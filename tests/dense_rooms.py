@@ -1,4 +1,4 @@
-"""Rooms whose T is dense, written entry by entry as somebody else's measurement or path tracer would give it."""
+"""Rooms with a dense T, given entry by entry as a measurement or a path tracer would."""
 
 import numpy as np
 from scipy import sparse
@@ -15,13 +15,13 @@ SHAPE = 24 * 32, 18 * 24
 def transport(
     channels: list[np.ndarray], camera: tuple[int, int] = CAMERA, projector: tuple[int, int] = PROJECTOR
 ) -> Transport:
-    """T of dense matrices (camera pixels, projector pixels) of three channels."""
+    """T from dense matrices (camera pixels, projector pixels), one per channel."""
     matrices = [sparse.csr_array(channel, dtype=np.float32) for channel in channels]
     return Transport.from_matrices(matrices, camera=camera, projector=projector)
 
 
 def direct(rng: np.random.Generator) -> np.ndarray:
-    """Each camera pixel sees the projector pixel that lies where it does, on a textured wall: (camera, projector)."""
+    """Direct light on a textured wall, (camera, projector): each camera pixel sees one projector pixel."""
     y, x = (np.arange(side) * other // side for side, other in zip(CAMERA, PROJECTOR, strict=True))
     T = np.zeros(SHAPE)
     T[np.arange(SHAPE[0]), (y[:, None] * PROJECTOR[1] + x).ravel()] = rng.uniform(0.4, 1, SHAPE[0])
@@ -29,13 +29,13 @@ def direct(rng: np.random.Generator) -> np.ndarray:
 
 
 def textured_glow(rng: np.random.Generator, share: float = 0.3) -> np.ndarray:
-    """Far light f gᵀ / n, textures both: every pixel lights every other, the closed form that the model holds."""
+    """Far light f gᵀ / n with textures f and g: every pixel lights every other. The model holds this form exactly."""
     f, g = rng.uniform(0.5, 1.5, SHAPE[0]), rng.uniform(0.5, 1.5, SHAPE[1])
     return share * np.outer(f, g) / SHAPE[1]
 
 
 def radiosity_corner(scale: float = 0.24) -> Transport:
-    """The rig's corner with all bounces of its light between patches, no entry left out."""
+    """The rig's corner as a dense T, with all bounces of light between patches."""
     room = corner(scale)
     seen = View(Truth(room, separate()), room.lattice.calibrated()).transport()
     rows, columns = (side // 3 for side in seen.near.shape)

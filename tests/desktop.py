@@ -1,4 +1,4 @@
-"""A player on an X server: its windows, what they show, keys pressed for real, monitors that come and go."""
+"""Runs a player on an X server: its windows and their pixels, real key presses, monitors that appear and disappear."""
 
 import contextlib
 import subprocess
@@ -20,21 +20,21 @@ from tests.programs import PATIENCE_S, on, running, succeed, verb
 Box = tuple[int, int, int, int]  # left, top, width, height
 
 
-ON_A_GPU = "--path", "fragment"  # as a GPU would draw a window, and files are rendered
+ON_A_GPU = "--path", "fragment"  # draws windows as a GPU would, and as files are rendered
 ON_THE_PROCESSOR = "--backend", "cpu"
 
 
 def playing(
     display: str, *arguments: object, folder: Path | None = None, how: tuple[str, str] = ON_A_GPU, **environment: str
 ) -> AbstractContextManager[subprocess.Popen[str]]:
-    """A player in a window, drawn as a file would be, so that pixels can be compared one by one."""
+    """Start a player in a window that is drawn like a file, so that pixels can be compared exactly."""
     return running(*verb("play"), *how, *arguments, folder=folder, **on(display), **environment)
 
 
 def expected_picture(
     room: Path, medium: Path, tmp_path: Path, *options: str, how: tuple[str, str] = ON_A_GPU
 ) -> np.ndarray:
-    """The same view rendered headless, RGB, with the steps that a window takes for a still picture, too."""
+    """Render the same view headless, RGB, with a window's number of steps for a still picture."""
     if "--refine" not in options:
         options = *options, "--refine", str(read_room(room, None).default_steps)
     succeed("play", room, medium, *how, "--output", tmp_path / "expected.png", *options)
@@ -42,14 +42,14 @@ def expected_picture(
 
 
 def screen(display: str, box: Box) -> np.ndarray:
-    """What the X server shows there, RGB."""
+    """Pixels that the X server shows in a box, RGB."""
     left, top, width, height = box
     grabbed = np.array(ImageGrab.grab(xdisplay=display).convert("RGB"))
     return grabbed[top : top + height, left : left + width].astype(int)
 
 
 def fine_screen(display: str, box: Box) -> np.ndarray:
-    """The same of a screen of depth 30, in codes of 10 bits."""
+    """Pixels of a screen of depth 30 in a box, as 10-bit codes."""
     connection = Display(display)
     found = connection.screen().root.get_image(*box, X.ZPixmap, 0xFFFFFFFF)
     connection.close()
@@ -59,12 +59,12 @@ def fine_screen(display: str, box: Box) -> np.ndarray:
 
 
 def mapped_windows(display: str) -> set[Box]:
-    """Places of the visible windows of a desktop without a window manager."""
+    """Boxes of the visible windows of a desktop without a window manager."""
     return {(each.x, each.y, each.width, each.height) for each in _visible(display)}
 
 
 def window_depths(display: str) -> set[int]:
-    """Bits of a pixel of each of them."""
+    """Bits per pixel of the visible windows."""
     return {each.depth for each in _visible(display)}
 
 
@@ -80,7 +80,7 @@ def _visible(display: str) -> list[Any]:
 
 
 def press(display: str, key: str, *held: str) -> None:
-    """A real key press and release through the X server, with shift if the key's symbol needs it."""
+    """Press and release a real key through the X server, with shift if the symbol needs it."""
     connection = Display(display)
     symbol = XK.string_to_keysym(key)
     code = connection.keysym_to_keycode(symbol)
@@ -95,7 +95,7 @@ def press(display: str, key: str, *held: str) -> None:
 
 
 def mouse(display: str, *events: tuple[str, int, int]) -> None:
-    """Real moves ("move", x, y), and presses and releases of a button ("press", number, 0) through the X server."""
+    """Send real mouse events through the X server: ("move", x, y), or ("press" or "release", button, 0)."""
     connection = Display(display)
     for action, first, second in events:
         if action == "move":
@@ -107,7 +107,7 @@ def mouse(display: str, *events: tuple[str, int, int]) -> None:
 
 
 def click(display: str, button: int, count: int = 1, *, held: tuple[str, ...] = ()) -> None:
-    """Clicks of a mouse button while keys are held."""
+    """Click a mouse button while keys are held."""
     with contextlib.closing(Display(display)) as connection:
         codes = [connection.keysym_to_keycode(XK.string_to_keysym(name)) for name in held]
         for code in codes:

@@ -1,4 +1,4 @@
-"""The smallest camera RAW file there is: an uncompressed colour mosaic in a DNG (Adobe DNG 1.4, on top of TIFF 6)."""
+"""Minimal camera RAW file: an uncompressed colour mosaic in a DNG (Adobe DNG 1.4, on top of TIFF 6)."""
 
 import struct
 from collections.abc import Sequence
@@ -24,11 +24,12 @@ def dng(
     neutral: Sequence[float] = (0.5, 1.0, 0.6),
     area: Sequence[int] = (),
 ) -> bytes:
-    """The file of a mosaic, (height, width).
+    """Returns a DNG file of a mosaic, (height, width).
 
-    black : one level, or four of the quad.  pattern : colours of the quad, 0 red, 1 green, 2 blue.
-    neutral : what the camera takes for white; no one who wants the sensor's own values looks at it.
-    area : top, left, below, right of what is exposed.
+    black : one black level, or four per quad.
+    pattern : colours of the quad: 0 red, 1 green, 2 blue.
+    neutral : the camera's white balance, which readers of raw sensor values ignore.
+    area : top, left, bottom and right of the exposed area.
     """
     height, width = mosaic.shape
     side = round(len(pattern) ** 0.5)
@@ -65,7 +66,7 @@ def dng(
 
 
 def mosaic_of(codes: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """What RGGB sites see of (height, width, 3), each pixel a quad: (2 height, 2 width)."""
+    """Mosaic whose RGGB quads hold the pixels of (height, width, 3): (2 height, 2 width)."""
     height, width = codes.shape[:2]
     sites = np.zeros((2 * height, 2 * width), np.uint16)
     for (y, x), colour in zip(np.ndindex(2, 2), RGGB, strict=True):
@@ -79,7 +80,7 @@ def _fraction(value: float) -> list[int]:
 
 
 def _tiff(tags: Sequence[tuple[int, int, list[int]]], pixels: bytes) -> bytes:
-    """One directory, the values that do not fit into it, and the pixels, to which tag 273 is made to point."""
+    """Assemble a TIFF: one directory, the values that do not fit into it, and the pixels, located by tag 273."""
     directory = sorted(tags)
     at = 8 + 2 + 12 * len(directory) + 4
     bodies = {tag: struct.pack(f"<{len(values)}{LETTERS[kind]}", *values) for tag, kind, values in directory}

@@ -1,4 +1,4 @@
-"""Rooms that have changed since they were calibrated: a picture elsewhere, a camera turned, light dimmed."""
+"""Rooms that changed after calibration: the projector picture or a camera moved, or a light dimmed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,11 +27,16 @@ def write_changed(
     light: tuple[float, float, float] = (1, 1, 1),
     ambient: float = 1.0,
 ) -> None:
-    """A room that a simulated camera can look at now.
+    """Write a changed room that a simulated camera can capture.
 
-    shift : of the projector's picture, its pixels right and down: boxes of light over boxes; shifts : of several
-    projectors'.  camera : by whole pixels; cameras : each of several.  lamps, exposures : what is left of each
-    projector's light, and what each camera sees of its own.
+    shift : of the projector picture in projector pixels, right and down; pixels are boxes of light.
+    shifts : one shift per projector.
+    lamps : remaining share of each projector's light.
+    camera : shift of the camera in whole pixels.
+    cameras : one shift per camera.
+    exposures : gain of each camera.
+    light : gain per colour channel.
+    ambient : gain of the ambient light.
     """
     room, transport = stored.calibration, read_transport(stored)
     boxes = _boxes(room, shifts or [shift] * len(room.regions), lamps or [1.0] * len(room.regions))
@@ -50,7 +55,7 @@ def write_changed(
 
 
 def _turned(room: Calibration, cameras: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Which old pixel of the raster each pixel of it sees now."""
+    """Old raster index that each camera pixel of the raster sees now."""
     number = np.arange(room.camera.pixels).reshape(room.camera.shape)
     for view, moved in zip(room.views, cameras, strict=True):
         own = number[view]
@@ -59,7 +64,7 @@ def _turned(room: Calibration, cameras: Sequence[tuple[int, int]]) -> np.ndarray
 
 
 def _boxes(room: Calibration, shifts: Sequence[tuple[float, float]], lamps: Sequence[float]) -> sparse.csr_array:
-    """Of every projector in its own region of the raster."""
+    """Shifted boxes of every projector, each in its own region of the raster."""
     number = np.arange(room.projector.pixels).reshape(room.projector.shape)
     total = sparse.csr_array((number.size, number.size))
     for (left, top, width, height), shift, lamp in zip(room.regions, shifts, lamps, strict=True):
@@ -70,7 +75,7 @@ def _boxes(room: Calibration, shifts: Sequence[tuple[float, float]], lamps: Sequ
 
 
 def shifted_boxes(shape: tuple[int, int], shift: tuple[float, float]) -> sparse.csr_array:
-    """(pixels, pixels): what share of each calibrated pixel the picture's pixels cover that have moved."""
+    """Share of each calibrated pixel that each shifted pixel covers, (pixels, pixels)."""
     across, down = (_shares(n, s) for n, s in zip(shape[::-1], shift, strict=True))
     return sparse.csr_array(sparse.kron(down, across))
 
@@ -82,7 +87,7 @@ def _shares(count: int, shift: float) -> FloatArray:
 
 
 def rolled_rows(shape: tuple[int, int], moved: tuple[int, int]) -> np.ndarray:
-    """Which old pixel each pixel of a camera sees that has turned right and down; its border sees on."""
+    """Old pixel that each pixel of a camera sees after a shift right and down; border pixels repeat."""
     y, x = np.mgrid[: shape[0], : shape[1]]
     y, x = np.clip(y + moved[1], 0, shape[0] - 1), np.clip(x + moved[0], 0, shape[1] - 1)
     return np.asarray((y * shape[1] + x).ravel())

@@ -1,13 +1,13 @@
-"""Faults at every step by which something gets onto the disk, for tests and campaigns: kills, refusals, full disks.
+"""Faults at every step of writing to disk, for tests and campaigns: kills, refusals, full disks.
 
-A runner imports what is run once and forks for every run, so that hundreds of runs take seconds:
+A runner imports the function's module once and forks for every run, so that hundreds of runs take seconds:
 
     with Runner() as runner:
         run = runner.run("counterlight.tools.build_correction_map:main", [[str(room)]], Fault(at=17))
-        assert run.code == -9 or not run.struck     # killed before its 17th step, or done in fewer
+        assert run.code == -9 or not run.struck  # killed before its 17th step, or done in fewer
 
-Steps are counted where Python calls the system (STEPS, files opened for writing, the exchange of folders): libraries
-write in between, which a small file system or a limit on the size of files makes fail (`most_bytes`, `small_disk`).
+Steps are calls from Python to the system: STEPS, files opened for writing, and the exchange of folders. Libraries also
+write between steps. A small file system (`small_disk`) or a file size limit (`most_bytes`) makes those writes fail.
 """
 
 import contextlib
@@ -38,10 +38,12 @@ KILL, REFUSE = "kill", "refuse"
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens to a run.
+    """Fault that a run meets.
 
-    at : the step that is struck, from 1; 0 for none.  how : KILL before it, or REFUSE it (no space).
-    most_bytes : files cannot become larger.  exchange : whether the system can exchange folders.
+    at : number of the faulty step, from 1; 0 for none.
+    how : KILL kills the process before the step; REFUSE fails the step with "no space".
+    most_bytes : largest allowed file size.
+    exchange : whether the system can exchange folders.
     """
 
     at: int = 0
@@ -52,10 +54,12 @@ class Fault:
 
 @dataclass(frozen=True)
 class Run:
-    """How a run ended.
+    """End of a run.
 
-    steps : that it took.  code : what the function returned, 2 for an InputError; -9 when it was killed.  words : of
-    the InputError, or of what no function may raise.
+    at : number of the faulty step.
+    steps : steps that the run took.
+    code : return value of the function, 2 for an InputError, -9 if killed.
+    words : text of the InputError, or of an exception that no function may raise.
     """
 
     at: int
@@ -69,7 +73,7 @@ class Run:
 
 
 class Runner:
-    """Runs functions (`module:name`, JSON-able arguments) in forks of one process."""
+    """Runs functions (`module:name`, arguments as JSON) in forks of one process."""
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
@@ -100,7 +104,7 @@ class Runner:
 
 @contextmanager
 def small_disk(folder: Path, size: int) -> Iterator[None]:
-    """A file system of `size` bytes at a folder; needs the right to mount."""
+    """Mount a file system of `size` bytes at a folder; needs the right to mount."""
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], check=True)
     try:
         yield
@@ -110,7 +114,7 @@ def small_disk(folder: Path, size: int) -> Iterator[None]:
 
 @contextmanager
 def no_file_above(size: int) -> Iterator[None]:
-    """The system refuses to write larger files, as a full disk would; for this process."""
+    """Make this process fail to write files above `size` bytes, as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
@@ -125,7 +129,7 @@ def can_mount() -> bool:
 
 
 class _Counter:
-    """Counts steps and strikes the one that is due."""
+    """Counts steps and applies the fault at its step."""
 
     def __init__(self, fault: Fault, tell: Callable[[int], None]) -> None:
         self.fault, self.steps, self._tell = fault, 0, tell
@@ -143,7 +147,8 @@ class _Counter:
         if self.fault.how == KILL:
             self._tell(self.steps)
             os.kill(os.getpid(), signal.SIGKILL)
-        place = [str(first)] if isinstance(first, str | Path) else []  # as the system says it, or does not
+        # the system names the file only for calls with a path
+        place = [str(first)] if isinstance(first, str | Path) else []
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), *place)
 
     def install(self) -> None:
@@ -159,8 +164,8 @@ def _writes(file: Any, mode: str = "r", *_: Any, **__: Any) -> bool:
 
 
 def _serve() -> None:
-    """Fork for every request and tell how the fork ended."""
-    import_all()  # so that no run imports, which writes files, too
+    """Fork for every request and reports how the fork ended."""
+    import_all()  # imports write files, too, which must not count as steps
     for line in sys.stdin:
         request = json.loads(line)
         module, _, name = request["function"].partition(":")
@@ -180,7 +185,7 @@ def _serve() -> None:
 
 
 def _run(function: Callable[..., Any], arguments: list[Any], fault: Fault, write: int) -> None:
-    """In the fork: run under a fault, tell steps, code and words, and end at once."""
+    """Run the function under a fault in the fork, reports steps, code and words, and exits."""
     counter = _Counter(fault, lambda steps: os.write(write, b"%d\n" % steps) and None)
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)

@@ -1,4 +1,4 @@
-"""FFmpeg frames of known code values."""
+"""FFmpeg frames with known code values."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ Planes = tuple[NDArray[Any], ...]
 
 
 def ffmpeg_frame(planes: Planes, pixel_format: str) -> av.VideoFrame:
-    """An FFmpeg frame of the given planes, each (rows, columns) in the format's own order."""
+    """FFmpeg frame of the given planes, each (rows, columns) in the format's own order."""
     frame = av.VideoFrame(planes[0].shape[1], planes[0].shape[0], pixel_format)
     for plane, values in zip(frame.planes, planes, strict=True):
         rows = np.zeros((plane.height, plane.line_size), np.uint8)

@@ -1,4 +1,4 @@
-"""The passes of one frame in the order in which they run, as docs/architecture.md lists them."""
+"""Records the passes of a frame in the order in which they run, as docs/architecture.md lists them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,7 +18,7 @@ UNDO = "undo_gather", "undo_mix", "far_scatter"
 
 
 class Recorded:
-    """An object whose `run` is noted before it runs."""
+    """Wrapper that records the name of an object before each `run`."""
 
     def __init__(self, of: Any, name: str, noted: list[str]) -> None:
         self._of, self._name, self._noted = of, name, noted
@@ -32,13 +32,13 @@ class Recorded:
 
 
 class RecordedMaps:
-    """The maps of a room, whose products are noted by the map's name."""
+    """Wrapper of a room's maps that records each product by the map's name."""
 
     def __init__(self, of: StoredMaps, noted: list[str]) -> None:
         self._of, self._noted = of, noted
         maps = of.room.maps
         self._names = {id(packed): name for name, packed in maps.named().items()}
-        if maps.undo is not None:  # whose scatter is the far light's, or equal to it
+        if maps.undo is not None:  # the scatter of `undo` may be the same map as the far light's scatter
             self._names |= {id(part): name for part, name in zip(maps.undo.parts, UNDO, strict=True)}
 
     def __getattr__(self, name: str) -> Any:
@@ -60,7 +60,7 @@ class RecordedMaps:
 
 
 class TracingDevice(CpuDevice):
-    """The processor's device; `noted` lists what has run."""
+    """CPU device; `noted` lists the passes that have run."""
 
     def __init__(self) -> None:
         self.noted: list[str] = []
@@ -84,7 +84,7 @@ class TracingDevice(CpuDevice):
 
 
 def trace(room: Room, frame: Any, steps: int) -> list[str]:
-    """What the second of two equal frames runs: the first one makes what later ones have at hand."""
+    """Passes of the second of two equal frames; the first frame fills caches that later frames use."""
     device = TracingDevice()
     renderer = Renderer(device, room, "cpu")
     renderer.open(frame.format)

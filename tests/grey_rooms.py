@@ -1,4 +1,4 @@
-"""Rooms of which every channel has the same T."""
+"""Rooms with the same T in every channel."""
 
 from typing import NamedTuple
 
@@ -10,9 +10,11 @@ from counterlight.tools.transport.transport import channel, in_one
 
 
 class GreyRoom(NamedTuple):
-    """A room without colour.
+    """Room without colour.
 
-    T : of each channel, (camera pixels, projector pixels).  camera, projector : (height, width).  ambient : radiance.
+    T : (camera pixels, projector pixels), for each channel.
+    camera, projector : (height, width).
+    ambient : radiance.
     """
 
     name: str
@@ -28,7 +30,7 @@ class GreyRoom(NamedTuple):
 
 
 def shipped_in_green(name: str, camera: tuple[int, int], projector: tuple[int, int]) -> GreyRoom:
-    """The green channel of a shipped room, with all its light in one matrix."""
+    """Green channel of a shipped room, with near and far light in one matrix."""
     room = cl.simulate(name, camera=camera, projector=projector)
     T = channel(in_one(room.transport), 1).astype(np.float64)
     return GreyRoom(name, T, room.camera, room.projector, float(np.median(room.ambient[..., 1])))

@@ -1,4 +1,4 @@
-"""The hard cases as data, and the methods: studies/hard_cases.py measures them, test_hard_*.py prove what holds."""
+"""Hard cases as data, and the methods: studies/hard_cases.py measures them, test_hard_*.py test what must hold."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from tests.rooms import blurred_transport
 FloatArray = NDArray[np.float64]
 Apply = Callable[[FloatArray], FloatArray]  # b (camera pixels,) -> p (projector pixels,), not clamped
 KEEP_ALL = 0.0
-CUT = 40  # projector pixels of a cluster of the decomposed map
+CUT = 40  # largest cluster of the decomposed map, in projector pixels
 NOISE = 0.01
 LARGEST_SVD = 1200
 SEED = 20060504
@@ -33,11 +33,13 @@ LARGE_CAMERA, LARGE_PROJECTOR = (80, 105), (32, 64)
 
 @dataclass(frozen=True)
 class HardCase:
-    """A system of equations and what makes it hard.
+    """System of equations, with what makes it hard.
 
-    T : (camera pixels, projector pixels), what a method is given.  target : b = c − e, (camera pixels,).
-    camera, projector : (height, width).  truth : the transport that the camera sees by; T if None.
-    far : the part of T that a map takes out of the picture before it inverts the rest; None if there is none.
+    T : (camera pixels, projector pixels), given to a method.
+    target : b = c − e, (camera pixels,).
+    camera, projector : (height, width).
+    truth : the room's true transport; T if None.
+    far : part of T that a map removes from the picture before it inverts the rest; None if absent.
     """
 
     name: str
@@ -54,7 +56,7 @@ class HardCase:
 
     @cached_property
     def singular(self) -> tuple[FloatArray, FloatArray] | None:
-        """U and σ of T, singular values of 0 left out; None if T is too large for that."""
+        """U and σ of T without singular values of 0; None if T is too large for an SVD."""
         if self.T.shape[1] > LARGEST_SVD:
             return None
         U, sigma, _ = np.linalg.svd(self.dense, full_matrices=False)
@@ -81,7 +83,7 @@ class HardCase:
 
 
 def listed(name: str, T: ArrayLike, target: ArrayLike) -> HardCase:
-    """A case whose pixels have no neighbours: pictures of one line."""
+    """Case whose pixels have no neighbours: pictures of a single row."""
     matrix = Csr(np.asarray(T, np.float64))
     shapes = (1, matrix.shape[0]), (1, matrix.shape[1])
     return HardCase(name, matrix, np.asarray(target, np.float64), *shapes)
@@ -95,12 +97,12 @@ def rng(extra: int = 0) -> np.random.Generator:
 
 
 def conflicting_rows() -> HardCase:
-    """Two camera pixels see the same projector pixel and want different radiance: the mean is the best."""
+    """Two camera pixels see the same projector pixel and want different radiance; the mean is optimal."""
     return listed("conflicting rows", [[0.8, 0], [0.8, 0], [0, 0.5]], [0.2, 0.6, 0.25])
 
 
 def parallel_columns(gap: float) -> HardCase:
-    """Two projector pixels whose columns a and a + gap·d differ little: condition ≈ 2 / gap; p = (0.3, 0.6)."""
+    """Two projector pixels with nearly equal columns a and a + gap·d: condition ≈ 2 / gap; solution p = (0.3, 0.6)."""
     a, d = np.full(4, 0.5), np.array([0.5, -0.5, 0.5, -0.5])
     T = np.stack([a, a + gap * d], axis=1)
     name = f"parallel columns, condition {2 / gap:.0e}" if gap else "parallel columns, exactly"
@@ -108,7 +110,7 @@ def parallel_columns(gap: float) -> HardCase:
 
 
 def rank_deficient(shape: tuple[int, int]) -> HardCase:
-    """Rank min(shape) − 2 and a target that no drive reaches."""
+    """Rank min(shape) − 2, and a target that no drive reaches."""
     m, n = shape
     rank, numbers = min(shape) - 2, rng(m)
     T = numbers.uniform(size=(m, rank)) @ numbers.uniform(size=(rank, n)) / rank
@@ -117,7 +119,7 @@ def rank_deficient(shape: tuple[int, int]) -> HardCase:
 
 
 def zero_rows_and_columns() -> HardCase:
-    """Camera pixels without light that want some, and projector pixels that light nothing."""
+    """Unlit camera pixels that want light, and projector pixels that light nothing."""
     numbers = rng(1)
     T = np.zeros((9, 7))
     T[np.ix_([1, 3, 4, 6, 8], [0, 2, 3, 6])] = numbers.uniform(0.1, 1, (5, 4))
@@ -125,14 +127,14 @@ def zero_rows_and_columns() -> HardCase:
 
 
 def one_entry_clusters() -> HardCase:
-    """Sixty clusters of one camera and one projector pixel; p = b / T."""
+    """Sixty clusters of one camera pixel and one projector pixel; p = b / T."""
     numbers = rng(2)
     weights = numbers.uniform(0.05, 1, 60)
     return listed("one-entry clusters", np.diag(weights), weights * numbers.uniform(0, 1, 60))
 
 
 def graded_weights() -> HardCase:
-    """Weights from 1e-7 to 1e3 in one cluster: condition 1e10 by size alone; b within reach."""
+    """Weights from 1e-7 to 1e3 in one cluster: condition 1e10 from scale alone; b is reachable."""
     numbers = rng(3)
     scale = np.logspace(3, -7, 12)
     T = np.eye(16, 12) * scale + 0.2 * np.eye(16, 12, -1) * scale + 0.1 * np.eye(16, 12, -4) * scale
@@ -140,7 +142,7 @@ def graded_weights() -> HardCase:
 
 
 def denormal_weights() -> HardCase:
-    """Every weight is denormal in float32, in which T is stored; b within reach."""
+    """Weights that are denormal in float32, the type in which T is stored; b is reachable."""
     case = defocused_wall(1e2)
     T = Csr(1e-40 * case.T.astype(np.float64))
     T.data = T.data.astype(np.float32).astype(np.float64)
@@ -152,11 +154,12 @@ def denormal_weights() -> HardCase:
 
 
 def defocused_wall(condition: float) -> HardCase:
-    """A white wall out of focus, by as wide a Gaussian as gives T that condition number.
+    """White wall out of focus: the Gaussian is as wide as gives T this condition number.
 
-    b is what a photograph gives on the projector, and 1 % of noise.
+    b is the light of a photograph on the projector, with 1 % noise.
 
-    T = B_y ⊗ B_x, so the condition number is the product of the factors', exact beyond what an SVD of T resolves.
+    T = B_y ⊗ B_x, so its condition number is the product of the factors' numbers. The product is exact where an SVD of
+    T fails.
     """
     T = Csr(np.kron(*_factors(defocus(condition))))
     photograph = typical_pictures(WALL_PROJECTOR)[0].ravel()
@@ -165,7 +168,7 @@ def defocused_wall(condition: float) -> HardCase:
 
 
 def defocus(condition: float) -> float:
-    """The Gaussian's standard deviation in projector pixels for a wall of that condition number."""
+    """Standard deviation of the Gaussian, in projector pixels, for a wall of this condition number."""
 
     def excess(sigma: float) -> float:
         return float(sum(np.log10(np.linalg.cond(B)) for B in _factors(sigma)) - np.log10(condition))
@@ -179,26 +182,29 @@ def _factors(sigma: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _sides() -> Iterator[tuple[int, int]]:
-    """Camera and projector pixels down, and across."""
+    """Camera and projector pixels, first vertically, then horizontally."""
     return zip(WALL_CAMERA, WALL_PROJECTOR, strict=True)
 
 
 def _blur(camera: int, projector: int, sigma: float, moved: float = 0.0) -> FloatArray:
-    """(camera, projector) along one axis, rows of sum 1.  moved : by so many projector pixels."""
+    """Blur along one axis, (camera, projector), with rows that sum to 1.
+
+    moved : shift in projector pixels.
+    """
     x, u = (np.arange(camera) + 0.5) * projector / camera, np.arange(projector) + 0.5 + moved
     B = np.exp(-((x[:, None] - u) ** 2) / (2 * sigma**2))
     return np.asarray(B / B.sum(axis=1, keepdims=True))
 
 
 def large_cluster() -> HardCase:
-    """One cluster of 2048 projector pixels, textured, a little out of focus; b within reach."""
+    """One textured cluster of 2048 projector pixels, slightly out of focus; b is reachable."""
     T = Csr(blurred_transport(rng(7), LARGE_CAMERA, LARGE_PROJECTOR, 0.5).astype(np.float64))
     target = T @ rng(8).uniform(size=T.shape[1])
     return HardCase("cluster of 2048", T, target, LARGE_CAMERA, LARGE_PROJECTOR)
 
 
 def noise_floor() -> HardCase:
-    """Half of the wall is lit a ten-thousandth as bright, and measured with noise as large as that light."""
+    """Half of the wall has a ten-thousandth of the light, measured with noise as large as this light."""
     wall = defocused_wall(1e2)
     bright = np.where(np.arange(wall.T.shape[1]) % WALL_PROJECTOR[1] < WALL_PROJECTOR[1] // 2, 1.0, 1e-4)
     truth = wall.dense * bright
@@ -207,7 +213,7 @@ def noise_floor() -> HardCase:
 
 
 def capture_noise(share: float, seed: int = 0) -> HardCase:
-    """Every entry of T measured with independent noise, a share of itself; the camera sees by the true T."""
+    """T with independent noise per entry, relative to the entry; the camera sees through the true T."""
     wall = defocused_wall(1e4)
     measured = wall.T.copy()
     measured.data *= np.maximum(1 + share * rng(100 + seed).normal(size=measured.data.size), 0)
@@ -215,7 +221,7 @@ def capture_noise(share: float, seed: int = 0) -> HardCase:
 
 
 def misaligned(pixels: float) -> HardCase:
-    """The wall has moved across by so many projector pixels since T was measured."""
+    """Wall that moved horizontally by `pixels` projector pixels after T was measured."""
     wall = defocused_wall(1e4)
     sigma = defocus(1e4)
     moved = np.kron(*(_blur(*sizes, sigma, by) for sizes, by in zip(_sides(), (0.0, pixels), strict=True)))
@@ -223,7 +229,7 @@ def misaligned(pixels: float) -> HardCase:
 
 
 def far_light(share: float) -> HardCase:
-    """A wall a little out of focus whose camera pixels all see the whole room's light, so many times as bright."""
+    """Wall slightly out of focus whose camera pixels all see the whole room's light, `share` times as bright."""
     wall = defocused_wall(1e2)
     leaves, arrives = rng(13).uniform(0.8, 1.2, wall.T.shape[0]), rng(14).uniform(0.8, 1.2, wall.T.shape[1])
     arrives *= share / wall.T.shape[1]
@@ -233,9 +239,9 @@ def far_light(share: float) -> HardCase:
 
 
 def far_light_and_dark_paint(share: float) -> HardCase:
-    """A quarter of a wall in focus is painted nearly black; b asks for as much of it as of the rest.
+    """Wall in focus with a quarter painted nearly black; b asks for as much light there as elsewhere.
 
-    A drive that is not clamped goes far beyond white there, and takes the far light of that for given everywhere.
+    An unclamped drive exceeds white there by far, and a method then counts on the drive's far light everywhere.
     """
     wall = defocused_wall(1e1)
     paint = np.where(np.arange(wall.camera[1]) < 3 * wall.camera[1] // 4, 1.0, 0.02)
@@ -248,12 +254,16 @@ def far_light_and_dark_paint(share: float) -> HardCase:
 
 
 def _smooth(leaves: FloatArray, arrives: FloatArray) -> FarLight:
-    """Far light of one cell.  leaves : (camera pixels,).  arrives : (projector pixels,)."""
+    """Far light of one cell.
+
+    leaves : (camera pixels,).
+    arrives : (projector pixels,).
+    """
     return FarLight.from_matrices((Csr(arrives[None]),) * 3, np.ones((3, 1, 1)), (Csr(leaves[:, None]),) * 3)
 
 
 def two_projectors(apart: float) -> HardCase:
-    """Two projectors light one wall a fraction of a pixel apart: what one adds the other can take away."""
+    """Two projectors light one wall, shifted by a fraction of a pixel: their drives can cancel each other."""
     wall, sigma = defocused_wall(1e2), defocus(1e2)
     other = np.kron(*(_blur(*sizes, sigma, by) for sizes, by in zip(_sides(), (0.0, apart), strict=True)))
     pictures = [dense.reshape(-1, *WALL_PROJECTOR) for dense in (wall.dense, other)]
@@ -263,7 +273,7 @@ def two_projectors(apart: float) -> HardCase:
 
 
 def targets() -> list[HardCase]:
-    """Pictures on a wall of condition 1e4, and an ambient light brighter than most of a picture."""
+    """Several pictures on a wall of condition 1e4, and an ambient light brighter than most of a picture."""
     wall = defocused_wall(1e4)
     y, x = np.mgrid[: WALL_CAMERA[0], : WALL_CAMERA[1]]
     random = rng(10).uniform(size=y.shape)
@@ -279,14 +289,14 @@ def targets() -> list[HardCase]:
 
 
 def rescaled(case: HardCase, factor: float) -> HardCase:
-    """T and b in another unit."""
+    """Scale T and b to another unit."""
     truth = None if case.truth is None else Csr(factor * case.truth)
     name = f"{case.name}, T × {factor:.0e}"
     return replace(case, name=name, T=Csr(factor * case.T), target=factor * case.target, truth=truth)
 
 
 def permuted(case: HardCase) -> tuple[HardCase, NDArray[np.int64]]:
-    """The pixels of both sides in another order, and the projector's: p of the new case is p[order] of the old."""
+    """Permute camera and projector pixels; the new case's p is p[order] of the old case, with the returned order."""
     rows, columns = rng(11).permutation(case.T.shape[0]), rng(12).permutation(case.T.shape[1])
     T = Csr(case.T[rows][:, columns])
     return replace(case, name=f"{case.name}, permuted", T=T, target=case.target[rows]), columns
@@ -327,8 +337,9 @@ def by_map(damping: float | None, max_cluster: int | None, case: HardCase) -> Ap
 
 
 def by_split(damping: float | None, passes: int, case: HardCase) -> Apply:
-    """The near light inverted, the far light of its drive taken out before: of the drive as it is, or, again and
-    again, as it is after the clamp.
+    """Invert the near light after subtracting the far light of the drive.
+
+    passes : 0 subtracts the far light of the unclamped drive; n repeats it n times with the clamped drive.
     """
     if case.far is None:
         return by_map(damping, None, case)
@@ -347,12 +358,12 @@ def by_split(damping: float | None, passes: int, case: HardCase) -> Apply:
 
 
 def written_out(far: FarLight) -> FloatArray:
-    """U M D of one channel, (camera pixels, projector pixels)."""
+    """Returns U M D of one channel, (camera pixels, projector pixels)."""
     return np.asarray(channels(far.scatter)[1] @ far.mix[1] @ channels(far.gather)[1].toarray())
 
 
 def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
-    """The inverse of a room that is grey: three equal channels."""
+    """Inverse of a grey room with three equal channels."""
     flood = (case.T @ np.ones(case.T.shape[1])).reshape(case.camera)
     white = reachable_white(np.repeat(flood[..., None], 3, axis=2), flood > 0)
     mask = np.ones(case.camera, bool)
@@ -361,8 +372,8 @@ def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
 
 
 def refining(case: HardCase) -> Callable[[int], Apply]:
-    """What the player shows of a room of that T, built as it is by default, after so many steps from the map."""
-    dark = max(0.0, -float(case.target.min()))  # ambient light: a camera's picture is not negative
+    """Returns a function of the number of steps: the player's default drive of a room with this T."""
+    dark = max(0.0, -float(case.target.min()))  # ambient light, because a camera picture is not negative
     grey, mask = (case.T,) * 3, np.ones(case.camera, bool)
     room = cl.Room.from_matrices(
         *grey, camera=case.camera, projector=case.projector, ambient=dark, mask=mask, response="linear"
@@ -390,7 +401,7 @@ METHODS: dict[str, Callable[[HardCase], Apply]] = {
     "map auto": partial(by_map, None, None),
     "map auto cut": partial(by_map, None, CUT),
 }
-SPLIT: dict[str, Callable[[HardCase], Apply]] = {  # far light by itself, or, as the thesis has it, in one T that is cut
+SPLIT: dict[str, Callable[[HardCase], Apply]] = {  # split: far light handled separately; thesis: one T, decomposed
     "thesis": partial(by_map, 0.0, CUT),
     "split none": partial(by_split, 0.0, 0),
     "split none, clamped": partial(by_split, 0.0, 2),

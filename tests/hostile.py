@@ -1,4 +1,4 @@
-"""What tests of hostile files share: little memory, and a user without rights."""
+"""Conditions for tests of hostile files: little memory, and a user without rights."""
 
 import os
 import resource
@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 NOBODY = 65534
-LITTLE = 384 << 20  # bytes beside what the process has
+LITTLE = 384 << 20  # bytes in addition to the process's present size
 
 
 @contextmanager
 def little_memory(more: int = LITTLE) -> Iterator[None]:
-    """The process gets no more than so many further bytes of address space: who asks for gigabytes fails for that."""
+    """Limit the process to `more` further bytes of address space, so that requests for gigabytes fail."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (pages * os.sysconf("SC_PAGE_SIZE") + more, before[1]))
@@ -24,7 +24,7 @@ def little_memory(more: int = LITTLE) -> Iterator[None]:
 
 @contextmanager
 def without_rights() -> Iterator[None]:
-    """As a user whom no file belongs to, where the tests run as root, who may read everything."""
+    """Run as a user who owns no files if the tests run as root, because root may read everything."""
     root = os.geteuid() == 0
     if root:
         os.seteuid(NOBODY)

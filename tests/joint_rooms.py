@@ -1,4 +1,4 @@
-"""Rooms of one camera and two projectors that overlap, of unequal sizes so that a wrong offset shows."""
+"""Rooms of one camera and two overlapping projectors of different sizes, so that a wrong offset shows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,13 +20,13 @@ from tests.rooms import blurred_transport
 
 CAMERA = (33, 60)
 LEFT, RIGHT = (30, 44), (26, 36)
-SIDE_BY_SIDE = (0, 0, LEFT[1], LEFT[0]), (LEFT[1], 0, RIGHT[1], RIGHT[0])  # their windows without monitors
-OVERLAP = slice(24, 36)  # columns of the camera's view that both light
+SIDE_BY_SIDE = (0, 0, LEFT[1], LEFT[0]), (LEFT[1], 0, RIGHT[1], RIGHT[0])  # boxes of the windows if no monitor is named
+OVERLAP = slice(24, 36)  # columns of the camera's view that both projectors light
 STRIDE = 8
 
 
 def write_halves(folder: Path, *, right_camera: tuple[int, int] = CAMERA, right_response: str = "srgb") -> list[Path]:
-    """Calibrations `left` and `right`: the projectors light 36 of 60 columns of the camera's view each."""
+    """Write calibrations `left` and `right`; each projector lights 36 of the 60 columns of the camera's view."""
     rng = np.random.default_rng(20060504)
     ends = OVERLAP.stop, CAMERA[1] - OVERLAP.start
     rooms = [folder / "left", folder / "right"]
@@ -46,7 +46,7 @@ def write_halves(folder: Path, *, right_camera: tuple[int, int] = CAMERA, right_
 
 
 def write_monitors(folder: Path, sizes: list[tuple[int, int]]) -> list[Path]:
-    """Calibrations of projectors of (height, width) pixels, one in STRIDE² of which lights a camera pixel."""
+    """Write calibrations of projectors of (height, width) pixels; one pixel in STRIDE² lights a camera pixel."""
     tiles = [(height // STRIDE, width // STRIDE) for height, width in sizes]
     camera = max(height for height, _ in tiles), sum(width for _, width in tiles)
     albedo = np.random.default_rng(1)
@@ -68,7 +68,7 @@ def write_monitors(folder: Path, sizes: list[tuple[int, int]]) -> list[Path]:
 
 
 def lit_by(scenes: Sequence[Scene]) -> tuple[Calibration, Transport]:
-    """What the camera of scenes that differ in their projectors sees of all these together."""
+    """Join simulated scenes that differ only in their projectors into one room with all projectors."""
     results = [simulate(scene) for scene in scenes]
     rooms = [simulated_calibration(*each) for each in zip(scenes, results, strict=True)]
     shapes = [room.projector.shape for room in rooms]

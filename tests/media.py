@@ -1,6 +1,6 @@
-"""Media of known pictures for tests of player/media/video.py, and what its reader gives back.
+"""Media with known pictures for tests of player/media/video.py, and functions that read them.
 
-Pictures are numbered: luma is 16 + 8 n on the left half and 100 on the right one, so that order and flips show.
+Pictures are numbered: luma is 16 + 8 n on the left half and 100 on the right half, so that order and flips show.
 """
 
 import os
@@ -16,15 +16,15 @@ from counterlight.errors import InputError
 from counterlight.media.video import Frame, MediaReader
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
-SHARED = (Path(__file__).parents[2] / "shared" / "data").resolve()  # as errors name it
-TIMEOUT_S = 60.0  # patience only: nothing here is expected to take it
+SHARED = (Path(__file__).parents[2] / "shared" / "data").resolve()  # resolved like the paths in errors
+TIMEOUT_S = 60.0  # never reached in a passing test
 RATE = 25
-# The order of the bits in time: 0.04 s a frame is not a binary fraction, and containers round to their time base.
+# The bits differ in time: 0.04 s per frame is not a binary fraction, and containers round to their time base.
 TIME_TOLERANCE_S = 1e-3  # Matroska counts in milliseconds
 
 
 def numbered(n: int, height: int = 34, width: int = 46) -> Planes:
-    """Picture n as yuv420p."""
+    """Returns picture n as yuv420p."""
     luma = np.full((height, width), 100, np.uint8)
     luma[:, : width // 2] = 16 + 8 * n % 200
     chroma = np.full((-(-height // 2), -(-width // 2)), 128, np.uint8)
@@ -47,7 +47,7 @@ def write_video(
     prepare: Callable[[Any], None] = lambda stream: None,
     container_options: dict[str, str] | None = None,
 ) -> Path:
-    """Encode pictures without loss (ffv1, or libx264 with qp 0)."""
+    """Encode pictures losslessly (ffv1, or libx264 with qp 0)."""
     with av.open(str(path), "w", options=container_options or {}) as container:
         stream: Any = container.add_stream(codec, rate=RATE, options=options or {})
         stream.height, stream.width = pictures[0][0].shape
@@ -66,13 +66,13 @@ def write_video(
 
 
 def write_h264(path: Path, count: int = 40, **more: Any) -> Path:
-    """A lossless clip with B-frames and a key frame every 10 pictures."""
+    """Write a lossless clip with B-frames and a key frame every 10 pictures."""
     options = {"qp": "0", "g": "10", "bf": "2", "preset": "veryfast"}
     return write_video(path, [numbered(n % 25) for n in range(count)], codec="libx264", options=options, **more)
 
 
 def damage(path: Path, first: int, last: int) -> None:
-    """Spoil the middle third of the packets of the pictures `first` to `last`, in the order of decoding."""
+    """Damage the middle third of the packets of pictures `first` to `last`, in decoding order."""
     with av.open(str(path)) as container:
         packets = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
     data = bytearray(path.read_bytes())
@@ -104,7 +104,7 @@ def write_jpeg(path: Path) -> Path:
 
 
 def copies(reader: MediaReader, limit: int = 10_000) -> list[tuple[float, Planes]]:
-    """Times and copied planes of the frames to come."""
+    """Times and copied planes of the remaining frames."""
     found: list[tuple[float, Planes]] = []
     while len(found) < limit and (frame := reader.next_frame(TIMEOUT_S)) is not None:
         found.append((frame.time_s, tuple(plane.copy() for plane in frame.planes)))
@@ -124,7 +124,7 @@ def next_frame(reader: MediaReader) -> Frame:
 
 
 def until_error(reader: MediaReader) -> tuple[list[int], str]:
-    """Numbers of the frames to come, and the error that ends them."""
+    """Numbers of the remaining frames, and the error that ends them."""
     numbers: list[int] = []
     try:
         while (frame := reader.next_frame(TIMEOUT_S)) is not None:
@@ -141,6 +141,6 @@ def assert_equal(found: Planes, expected: Planes) -> None:
 
 
 def rings(pid: int | str = "self") -> list[Path]:
-    """Descriptors of the memory in which decoders hand frames over."""
+    """Descriptors of the memory through which decoders pass frames."""
     links = Path(f"/proc/{pid}/fd").iterdir()
     return [link for link in links if link.is_symlink() and "counterlight-ring" in os.readlink(link)]

@@ -1,7 +1,7 @@
-"""Damaged files, the same ones for the same random numbers: bytes, words of text, arrays of archives, chunks of PNG.
+"""Damaged files, reproducible from a seed: bytes, words of text, arrays of archives, chunks of PNG.
 
-`mutant` damages one file's content as a failing disk, a careless editor or an attacker would; `DamagedRoom` puts it in
-the place of a file of a calibration folder, its checksums renewed if so wanted, and says what reading makes of it.
+`mutant` damages the content of one file as a failing disk, a careless editor or an attacker would. `DamagedRoom` puts
+the content into a calibration folder, renews checksums if asked, and reports the outcome of reading.
 """
 
 import io
@@ -32,9 +32,9 @@ Rng: TypeAlias = np.random.Generator
 Mutator: TypeAlias = Callable[[bytes, Rng], bytes]
 
 READ, REFUSED = "read", "refused"
-LONGEST_COMPLAINT = 1500  # characters: paths, and what a file says of itself, which is cut
+LONGEST_COMPLAINT = 1500  # characters: paths, and quoted text from the file, which is cut
 MANIFEST_NAME = f"{FOLDER}/{MANIFEST}"
-HEADER = 400  # bytes at the beginning, where most formats say what follows
+HEADER = 400  # bytes at the beginning, where most formats describe the rest
 INTEGERS = (0, 1, -1, 2, 127, 255, 256, 65535, 1 << 20, (1 << 31) - 1, -(1 << 31), (1 << 32) - 1, 1 << 40, -(1 << 63))
 NUMBERS = (np.nan, np.inf, -np.inf, -1.0, 1e30, -1e30, 3.4e38, 1e-45, 1e300)
 WORDS = re.findall(
@@ -49,7 +49,7 @@ SHAPES = re.findall(r"\S+", "() (0,) (-1,) (1,) (7,) (2,2) (3,3,3) (1000000000,)
 
 
 def mutant(content: bytes, name: str, rng: Rng) -> bytes:
-    """One or two kinds of damage to a file of that name, mostly of its own format."""
+    """Damage a file once or twice, mostly in ways specific to its format."""
     own = BY_SUFFIX.get(Path(name).suffix.lower(), ANY_FILE)
     for _ in range(rng.integers(1, 3)):
         kinds = ANY_FILE if not rng.integers(3) else own
@@ -58,7 +58,7 @@ def mutant(content: bytes, name: str, rng: Rng) -> bytes:
 
 
 def outcome(read: Callable[[], object]) -> str:
-    """READ, or REFUSED with one line of bounded length; anything else that a reader raises or says is a fault."""
+    """Returns READ, or REFUSED for one line of bounded length; fails on any other exception or warning."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -73,7 +73,7 @@ def outcome(read: Callable[[], object]) -> str:
 
 @dataclass(frozen=True)
 class DamagedRoom:
-    """A calibration folder with its maps, of which one file at a time is damaged; `files` is what was in it."""
+    """Calibration folder with maps, in which one file at a time is damaged; `files` is the original content."""
 
     folder: Path
     files: dict[str, bytes]
@@ -84,7 +84,7 @@ class DamagedRoom:
         return cls(folder, {path.relative_to(folder).as_posix(): path.read_bytes() for path in found})
 
     def outcome(self, name: str, content: bytes, *, renewed: bool) -> str:
-        """What reading makes of the room with another content of a file; afterwards the room is whole again."""
+        """Outcome of reading the room with another content of a file; restores the room afterwards."""
         changed = self.put(name, content, renewed=renewed)
         try:
             return outcome(self.read)
@@ -93,21 +93,21 @@ class DamagedRoom:
                 (self.folder / name).write_bytes(self.files[name])
 
     def put(self, name: str, content: bytes, *, renewed: bool = True) -> list[str]:
-        """Write a file and, if renewed, the tables that hold its checksum; returns the names of what changed."""
+        """Write a file and, if renewed, the tables with its checksum; returns the names of changed files."""
         changed = self._with_checksums(name, content) if renewed else {name: content}
         for other, content in changed.items():
             (self.folder / other).write_bytes(content)
         return list(changed)
 
     def read(self) -> None:
-        """As the commands and the player do."""
+        """Read the room as the commands and the player do."""
         stored = calibration.read(self.folder)
         read_placement(self.folder)
         read_transport(stored)
         maps.read_maps(stored, words=True)
 
     def _with_checksums(self, name: str, content: bytes) -> dict[str, bytes]:
-        """The file, and the tables that describe it."""
+        """Content of the file, and of the tables that hold its checksum."""
         changed = {name: content}
         if Path(name).suffix != ".toml":
             home = MANIFEST_NAME if name.startswith(f"{FOLDER}/") else TOML
@@ -133,7 +133,7 @@ def _flip(content: bytes, rng: Rng) -> bytes:
 
 
 def _poke(content: bytes, rng: Rng) -> bytes:
-    """A number that means something to most formats, somewhere at the beginning or anywhere."""
+    """Overwrite bytes with a number that many formats treat specially, in the header or anywhere."""
     value = INTEGERS[rng.integers(len(INTEGERS))]
     size = int(rng.choice([1, 2, 4, 8]))
     order = "little" if rng.integers(2) else "big"
@@ -156,7 +156,7 @@ def _repeat(content: bytes, rng: Rng) -> bytes:
 
 
 def _overwrite(content: bytes, rng: Rng) -> bytes:
-    """A piece of the file in another place of it: what a lost block of a disk looks like."""
+    """Overwrite part of a file with another part or with zeros, like a lost disk block."""
     start, to, size = _place(content, rng), _place(content, rng), int(rng.integers(1, 600))
     piece = content[start : start + size] if rng.integers(2) else bytes(size)
     return content[:to] + piece + content[to + len(piece) :]
@@ -182,7 +182,7 @@ def _change_word(content: bytes, rng: Rng) -> bytes:
 
 
 def _change_lines(content: bytes, rng: Rng) -> bytes:
-    """A line lost, doubled, or in another place."""
+    """Drop, double or move a line."""
     lines = content.splitlines(keepends=True)
     if not lines:
         return content
@@ -193,7 +193,7 @@ def _change_lines(content: bytes, rng: Rng) -> bytes:
 
 
 def _change_value(content: bytes, rng: Rng) -> bytes:
-    """Something long or deep in place of a value."""
+    """Replace a value with a long or deeply nested one."""
     deep = b"[" * 600 + b"]" * 600, b"{a=" * 99 + b"1" + b"}" * 99
     long = *deep, b"9" * 5000, b"0x" + b"f" * 400, b'"' + b"x" * 5000 + b'"'
     values = list(re.finditer(rb"(?<==)[^\n]*", content))
@@ -207,7 +207,7 @@ def _change_value(content: bytes, rng: Rng) -> bytes:
 
 
 def _change_array(content: bytes, rng: Rng) -> bytes:
-    """An archive whose directory and checksums are right, and one of whose arrays is not."""
+    """Damage one array of an archive, with correct directory and checksums."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = [(info.filename, archive.read(info)) for info in archive.infolist()]
@@ -225,14 +225,14 @@ def _change_array(content: bytes, rng: Rng) -> bytes:
             members[at] = name, (_change_header, _change_numbers, _flip, _lose)[kind - 2](array, rng)
     packed = io.BytesIO()
     with warnings.catch_warnings(), zipfile.ZipFile(packed, "w", rng.choice([0, 8])) as archive:
-        warnings.simplefilter("ignore")  # two members of one name are meant
+        warnings.simplefilter("ignore")  # duplicate member names are intended
         for name, array in members:
             archive.writestr(name, array)
     return packed.getvalue()
 
 
 def _change_header(array: bytes, rng: Rng) -> bytes:
-    """Another type or shape in an .npy file."""
+    """Change the type or shape in the header of an .npy file."""
     end = array.find(b"\n") + 1
     header = array[10:end].decode("latin-1")
     if rng.integers(2):
@@ -245,7 +245,7 @@ def _change_header(array: bytes, rng: Rng) -> bytes:
 
 
 def _change_numbers(array: bytes, rng: Rng) -> bytes:
-    """Numbers of the right type that nobody measures."""
+    """Replace numbers with impossible values of the right type."""
     try:
         values = np.load(io.BytesIO(array), allow_pickle=False)
         flat = values.ravel()
@@ -253,7 +253,7 @@ def _change_numbers(array: bytes, rng: Rng) -> bytes:
         with np.errstate(all="ignore"):
             chosen = NUMBERS if values.dtype.kind == "f" else INTEGERS
             flat[few] = np.array(chosen[rng.integers(len(chosen))]).astype(values.dtype)
-    except Exception:  # an array that numpy does not read, or that holds text
+    except Exception:  # numpy cannot read the array, or it holds text
         return array
     changed = io.BytesIO()
     np.save(changed, flat.reshape(values.shape))
@@ -261,7 +261,7 @@ def _change_numbers(array: bytes, rng: Rng) -> bytes:
 
 
 def _change_chunk(content: bytes, rng: Rng) -> bytes:
-    """A PNG whose checksums are right, and one of whose chunks is not."""
+    """Damage one chunk of a PNG, with correct checksums."""
     at, chunks = 8, []
     while at + 12 <= len(content):
         length, kind = struct.unpack(">I4s", content[at : at + 8])
@@ -279,7 +279,7 @@ def _change_chunk(content: bytes, rng: Rng) -> bytes:
 
 
 def _change_exr(content: bytes, rng: Rng) -> bytes:
-    """Another number in the header's windows, channels, compression or tables."""
+    """Change a number in the header's windows, channels, compression or tables."""
     value = INTEGERS[rng.integers(len(INTEGERS))] if rng.integers(2) else int(rng.integers(0, 20000))
     at = int(rng.integers(8, max(9, min(len(content), HEADER))))
     return content[:at] + (value % (1 << 32)).to_bytes(4, "little") + content[at + 4 :]

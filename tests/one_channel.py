@@ -1,4 +1,4 @@
-"""min ‖T p − b‖ for one matrix T: the solvers take three channels, so the other two are dark."""
+"""Solve min ‖T p − b‖ for one matrix T: the solvers take three channels, so the other two are dark."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class System:
-    """T (camera pixels, projector pixels) and b (camera pixels,)."""
+    """System of one channel.
+
+    near : T, (camera pixels, projector pixels).
+    target : b, (camera pixels,).
+    """
 
     near: Csr
     target: FloatArray
@@ -42,7 +46,7 @@ class System:
 
 @dataclass(frozen=True)
 class Found:
-    """unclamped, drive : (projector pixels,)."""
+    """Solution; `unclamped` and `drive` are (projector pixels,)."""
 
     unclamped: FloatArray
     notes: tuple[str, ...]
@@ -53,7 +57,7 @@ class Found:
 
 
 def beside_dark(values: FloatArray) -> FloatArray:
-    """(n,) -> (n, 3), the other channels 0."""
+    """Returns (n,) as (n, 3), with 0 in the other channels."""
     dark = np.zeros_like(values)
     return np.stack([values, dark, dark], axis=1)
 

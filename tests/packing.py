@@ -1,4 +1,4 @@
-"""Three scipy matrices as a row map."""
+"""Packs three scipy matrices into a row map."""
 
 from collections.abc import Sequence
 
@@ -7,5 +7,5 @@ from counterlight.tools.transport.transport import Csr, stacked
 
 
 def pack_matrices(matrices: Sequence[Csr], output: tuple[int, int], source: tuple[int, int]) -> RowMap:
-    """(output pixels, source pixels) each, for red, green and blue."""
+    """Pack (output pixels, source pixels) matrices for red, green and blue."""
     return pack(stacked([Csr(matrix) for matrix in matrices]), output, source)

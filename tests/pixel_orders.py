@@ -1,4 +1,4 @@
-"""Transports whose pixels are numbered as their sizes say, smooth ones and hostile ones, to tell from swapped sizes."""
+"""Smooth and hostile transports in correct pixel order, for tests that detect swapped sizes."""
 
 from collections.abc import Callable
 
@@ -19,10 +19,11 @@ def smooth(
     cover: float = 1.0,
     blur: float = 0.4,
 ) -> Csr:
-    """A painted plane between a random camera and a random projector, (camera pixels, projector pixels).
+    """Painted plane between a random camera and a random projector, (camera pixels, projector pixels).
 
-    tilt : of the homography between their pictures.  cover : projector pictures that the camera's picture spans.
-    blur : standard deviation of a footprint, projector pixels.
+    tilt : of the homography between their pictures.
+    cover : projector pictures across the camera picture.
+    blur : standard deviation of a footprint in projector pixels.
     """
     y, x = np.mgrid[: camera[0], : camera[1]]
     u, v = (x.ravel() + 0.5) / camera[1] - 0.5, (y.ravel() + 0.5) / camera[0] - 0.5
@@ -45,7 +46,7 @@ def smooth(
 
 
 def rows_of(T: Csr, camera: Shape, order: Callable[[np.ndarray], np.ndarray]) -> Csr:
-    """T with its camera's picture of pixel numbers changed."""
+    """Reorder the rows of T by a function of the picture of camera pixel numbers."""
     return Csr(T[order(np.arange(T.shape[0]).reshape(camera)).ravel()])
 
 
@@ -62,7 +63,7 @@ def radius(shape: Shape) -> np.ndarray:
 
 
 def right_ones(rng: np.random.Generator, camera: Shape, projector: Shape) -> dict[str, tuple[Csr, Shape, Shape]]:
-    """T, camera and projector by kind; some are smooth, some rough, none is smooth for swapped sizes."""
+    """T, camera and projector by kind: some smooth, some rough, none smooth for swapped sizes."""
     (height, width), (n, m) = camera, (camera[0] * camera[1], projector[0] * projector[1])
     T, other = (smooth(rng, camera, projector) for _ in range(2))
     odd = ((np.arange(n) // width + np.arange(n) % width) % 2).astype(float)

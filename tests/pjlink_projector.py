@@ -1,4 +1,4 @@
-"""A projector for the network, as JBMIA's specification of PJLink class 1 has it: a server, with a lamp of its own."""
+"""Network projector after JBMIA's specification of PJLink class 1: a server with a simulated lamp."""
 
 import hashlib
 import secrets
@@ -13,10 +13,13 @@ NO_COMMAND, NO_VALUE, NOT_NOW, FAILED = (f"ERR{n}" for n in range(1, 5))
 
 
 class Lamp:
-    """What a projector is.
+    """State of a projector.
 
-    slow : looks at it before it is warm or cool.  password : "" for none.  answers : in place of what it would answer.
-    heard : every command, and how it was answered.  lines : as they came.
+    slow : status queries until it is warm or cool.
+    password : "" for none.
+    answers : replaces the projector's own answers.
+    heard : every command and its answer.
+    lines : lines as received.
     """
 
     def __init__(self, *, power: int = OFF, slow: int = 0, password: str = "", erst: str = "000000") -> None:
@@ -109,7 +112,7 @@ class _Server(socketserver.ThreadingTCPServer):
 
 @contextmanager
 def projector(**kind: Any) -> Iterator[Lamp]:
-    """One that listens at its `port` of this machine."""
+    """Start a projector that listens at its `port` on this machine."""
     lamp = Lamp(**kind)
     with _Server(("127.0.0.1", 0), _Connection) as server:
         server.lamp = lamp  # type: ignore[attr-defined]

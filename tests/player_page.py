@@ -1,4 +1,4 @@
-"""docs/player.md as tests read it: its tables, and arguments for the commands that it lists."""
+"""docs/player.md for tests: its tables, and arguments for the commands that it lists."""
 
 import re
 
@@ -23,7 +23,7 @@ ARGUMENTS: dict[str, list[object]] = {
 
 
 def table(heading: str, number: int = 0) -> list[list[str]]:
-    """The rows of a table below a heading of the page, code marks taken off."""
+    """Rows of a table below a heading of the page, without code marks."""
     section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     blocks = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
     rows = [re.split(r"(?<!\\) ?\| ?", line.strip().strip("|").strip()) for line in blocks[number].splitlines()[2:]]

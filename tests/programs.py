@@ -1,4 +1,4 @@
-"""Programs as a user runs them: whole commands, and processes that go on while a test looks at them."""
+"""Programs as a user runs them: whole commands, and processes that continue while a test observes them."""
 
 import contextlib
 import os
@@ -14,11 +14,11 @@ from tests.copies import Copy, read_early
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE_S = 60.0
-LONGEST_S = 300.0  # of a whole command
+LONGEST_S = 300.0  # limit for a whole command
 
 
 def python(*arguments: str) -> str:
-    """What a fresh interpreter prints; the test fails with its error output if it does not end well."""
+    """Run a fresh interpreter and return its output; fail with the error output unless it exits with 0."""
     outcome = subprocess.run(
         [sys.executable, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=120, check=False
     )
@@ -27,17 +27,17 @@ def python(*arguments: str) -> str:
 
 
 def script(name: str) -> str:
-    """A console script of this environment."""
+    """Path of a console script of this environment."""
     return str(Path(sys.executable).with_name(name))
 
 
 def verb(name: str) -> tuple[str, str]:
-    """The beginning of a command line: `counterlight NAME`."""
+    """First words of a command line: `counterlight NAME`."""
     return script("counterlight"), name
 
 
 def command(name: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a verb to its end; a hang is a failure."""
+    """Run a verb to its end; a hang fails the test."""
     with started([*verb(name), *map(str, arguments)], environment) as process:
         output, errors = process.communicate(timeout=LONGEST_S)
         return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
@@ -50,7 +50,7 @@ def succeed(name: str, *arguments: object, **environment: str) -> str:
 
 
 def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:
-    """The one line that a refused command prints."""
+    """Run a command that must be refused, and return its only line of error output."""
     done = command(name, *arguments, **environment)
     assert done.returncode == code, done.stdout + done.stderr
     lines = [line for line in done.stderr.splitlines() if line]
@@ -60,7 +60,7 @@ def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> st
 
 
 def on(display: str) -> dict[str, str]:
-    """The variables by which a program's windows come to an X server."""
+    """Environment variables that send a program's windows to an X server."""
     return {"DISPLAY": display, "WAYLAND_DISPLAY": ""}
 
 
@@ -68,7 +68,7 @@ def on(display: str) -> dict[str, str]:
 def running(
     *words: object, folder: Path | None = None, errors: int | None = subprocess.PIPE, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:
-    """A program that is killed at the end, if it has not ended by then."""
+    """Start a program, and kill it at the end if it still runs."""
     with started([*map(str, words)], environment, folder=folder, errors=errors) as process:
         yield process
 
@@ -81,7 +81,7 @@ def started(
     folder: Path | None = None,
     errors: int | None = subprocess.PIPE,
 ) -> Iterator[subprocess.Popen[str]]:
-    """A verb is a copy of an interpreter that has imported the product (warm_start.py); other programs start anew."""
+    """Start a verb as a copy of the warm interpreter (warm_start.py); start any other program anew."""
     variables = os.environ | environment
     process: Any
     if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):
@@ -98,7 +98,7 @@ def started(
 def wait_until(
     condition: Callable[[], bool], what: str, process: subprocess.Popen[str], *, every_s: float = 0.05
 ) -> None:
-    """Fails if the process ends before, or after PATIENCE_S."""
+    """Wait until a condition holds; fail if the process ends before, or after PATIENCE_S."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert process.poll() is None, process.communicate()
@@ -107,9 +107,9 @@ def wait_until(
 
 
 def children(pid: int) -> set[int]:
-    """Processes that a process has started; none if it has gone."""
+    """Processes that a process has started; empty if it has ended."""
     found: set[int] = set()
-    with contextlib.suppress(OSError):  # it ends, or one of its threads does, while the folder is read
+    with contextlib.suppress(OSError):  # the process or one of its threads may end while the folder is read
         for task in os.listdir(f"/proc/{pid}/task"):
             with contextlib.suppress(OSError):
                 found |= set(map(int, Path(f"/proc/{pid}/task/{task}/children").read_text().split()))
@@ -117,13 +117,13 @@ def children(pid: int) -> set[int]:
 
 
 def descendants(pid: int) -> set[int]:
-    """The children of a process, their children, and so on."""
+    """Children of a process, their children, and so on."""
     found = children(pid)
     return found.union(*map(descendants, found))
 
 
 def is_running(pid: int) -> bool:
-    """Neither gone nor a zombie: nobody reaps orphans in some containers."""
+    """Whether a process exists and is not a zombie, because some containers never reap orphans."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

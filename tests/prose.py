@@ -21,7 +21,7 @@ DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 class Text(NamedTuple):
-    """A docstring, a comment or a help text, and where it begins."""
+    """Docstring, comment or help text, and its position."""
 
     path: Path
     line: int
@@ -30,7 +30,7 @@ class Text(NamedTuple):
 
 
 def texts_of(path: Path) -> Iterator[Text]:
-    """Every text of a Python file."""
+    """Yield every text of a Python file."""
     source = path.read_text(encoding="utf-8")
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, DOCUMENTED) and (docstring := ast.get_docstring(node)):
@@ -41,7 +41,7 @@ def texts_of(path: Path) -> Iterator[Text]:
 
 
 def _comments(path: Path, source: str) -> Iterator[Text]:
-    """Comments; those on lines that follow each other are one."""
+    """Yield comments; comments on consecutive lines are joined."""
     block: list[tokenize.TokenInfo] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type != tokenize.COMMENT or token.string.startswith(("# noqa", "# type:", "# fmt:")):
@@ -59,14 +59,14 @@ def _joined(path: Path, block: list[tokenize.TokenInfo]) -> Text:
 
 
 def _literal(node: ast.expr) -> str:
-    """The text of a literal, with … for what is filled in."""
+    """Text of a string literal, with … for formatted values."""
     if isinstance(node, ast.JoinedStr):
         return "".join(_literal(part) if isinstance(part, ast.Constant) else "…" for part in node.values)
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
 def sample(seed: int, count: int, folders: tuple[str, ...] = FOLDERS) -> list[Text]:
-    """So many texts, each as likely as any other."""
+    """Draw random texts with equal probability."""
     paths = sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
     texts = [text for path in paths for text in texts_of(path)]
     return random.Random(seed).sample(texts, min(count, len(texts)))

@@ -1,8 +1,9 @@
-"""Random rooms by rays: a projector's light bent by glass on its way to a textured surface, and a camera's view of it.
+"""Random rooms by ray tracing: glass bends a projector's light on its way to a textured surface and to a camera.
 
-T = C · diag(paint) · P. P holds where each projector pixel's light falls on a fine grid of surface cells, C where each
-camera pixel looks. A pixel is a blurred square of rays, and a ray is shared by the four cells around it. Smooth
-displacements bend the rays: they gather the light of many pixels in a place, spread it, fold it, or show it twice.
+T = C · diag(paint) · P. P holds the light of each projector pixel on a fine grid of surface cells. C holds the cells
+that each camera pixel sees. A pixel is a blurred square of rays, and each ray is shared by four cells.
+
+Smooth displacements bend the rays: they concentrate light, spread it, fold it, or show it twice.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,10 @@ Bend = Callable[[np.ndarray], np.ndarray]
 
 
 def random_room(seed: int, most_rows: int = 50) -> GreyRoom:
-    """The kinds by turns. most_rows : of the projector, whose width is at most 1.6 times as much."""
+    """Random room; the kind cycles with the seed.
+
+    most_rows : limit for the projector's rows; its width is at most 1.6 times as large.
+    """
     rng, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
     height = int(rng.integers(3 * most_rows // 5, most_rows))
     projector = height, int(height * rng.uniform(0.9, 1.6))
@@ -43,7 +47,7 @@ def random_room(seed: int, most_rows: int = 50) -> GreyRoom:
 
 
 def _bends(rng: np.random.Generator, kind: str) -> tuple[Bend, Bend]:
-    """From the projector's picture and from the camera's to places on the surface, all in shares of a side."""
+    """Returns maps from the projector picture and from the camera picture to the surface, in fractions of a side."""
     scale, offset = rng.uniform(0.75, 1.15), rng.uniform(-0.05, 0.05, 2)
     strength = {"glass": 0.03, "lens": 0.02, "fold": 0.05, "ghost": 0.02}.get(kind, 0.0) * rng.uniform(0.5, 1.5)
     waves = _waves(rng, strength, rng.uniform(0.1, 0.4))
@@ -67,7 +71,7 @@ def _waves(rng: np.random.Generator, strength: float, length: float) -> Bend:
 
 
 def _rays(pixels: tuple[int, int], cells: tuple[int, int], blur: float, bend: Bend) -> sparse.csr_array:
-    """How each pixel's rays are shared among cells, (pixels, cells); what misses the surface is lost."""
+    """Share of each pixel's rays per cell, (pixels, cells); rays that miss the surface are dropped."""
     of_pixels = sparse.kron(*(_blurred(count, blur) for count in pixels))
     y, x = np.indices([RAYS * count for count in pixels]).reshape(2, -1)
     at = bend((np.stack([x, y], axis=1) + 0.5) / (RAYS * pixels[1], RAYS * pixels[0])) * (cells[1], cells[0]) - 0.5
@@ -84,7 +88,7 @@ def _rays(pixels: tuple[int, int], cells: tuple[int, int], blur: float, bend: Be
 
 
 def _blurred(count: int, blur: float) -> sparse.csr_array:
-    """Along one side, how far each ray belongs to each pixel, (pixels, rays); blur : in pixels."""
+    """Weight of each ray in each pixel along one side, (pixels, rays); blur is in pixels."""
     places = (np.arange(RAYS * count) + 0.5) / RAYS
     away = (places - np.arange(count)[:, None] - 0.5) / np.hypot(blur, 0.3)
     weights = np.where(np.abs(away) < 3, np.exp(-(away**2) / 2), 0)

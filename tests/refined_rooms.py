@@ -1,4 +1,4 @@
-"""A small room that is physical where refinement needs it: T ≥ 0, and every map made from that T."""
+"""Small physical room for tests of refinement: T ≥ 0, and every map made from this T."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,7 @@ DAMPING = 0.1
 
 @dataclass(frozen=True)
 class PhysicalRoom:
-    """A room with its transport, and T of each channel written out, (3, camera pixels, projector pixels)."""
+    """Room with its transport, and dense T per channel, (3, camera pixels, projector pixels)."""
 
     room: Room
     transport: Transport
@@ -35,7 +35,7 @@ class PhysicalRoom:
 
 
 def physical_room(rng: np.random.Generator, *, far: bool = True, start: str = "previous") -> PhysicalRoom:
-    """A blurred, textured, tinted surface, a mask with holes, a dark projector pixel and, if asked, far light."""
+    """Blurred, textured, tinted surface, a mask with holes, a dark projector pixel and, if asked, far light."""
     near = _near(rng)
     transport = Transport.from_matrices(near, _far(rng) if far else None)
     mask = rng.uniform(size=CAMERA) < 0.85

@@ -1,4 +1,4 @@
-"""A player that plays in a window, and a client of its control socket."""
+"""Player in a window, and a client of its control socket."""
 
 import json
 import socket
@@ -13,7 +13,7 @@ from tests.programs import PATIENCE_S, wait_until
 
 
 class Client:
-    """One connection to a player: requests answered, events kept."""
+    """Connection to a player that answers requests and keeps events."""
 
     def __init__(self, path: Path) -> None:
         self._socket = socket.socket(socket.AF_UNIX)
@@ -64,7 +64,7 @@ class Client:
 
 @contextmanager
 def show(display: str, folder: Path, *arguments: object) -> Iterator[tuple[Any, Client]]:
-    """A player that has shown a frame, and a client of its."""
+    """Start a player; yield its process and a client after the first frame."""
     path = folder / "show.socket"
     options = "--no-config", "--no-audio", "--control", path
     with playing(display, *arguments, *options, folder=folder) as process:

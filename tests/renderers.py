@@ -1,4 +1,4 @@
-"""A room's renderers side by side, on the GPU and its twin in numpy, and what their shaders leave in a texture."""
+"""A room's renderers on the GPU and in numpy, and the content of textures."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ from counterlight.pipeline.shortfall import Snapshot
 def both(
     context: moderngl.Context, room: Room, frame: Frame, path: str = "fragment"
 ) -> Iterator[tuple[GlRenderer, ReferenceRenderer]]:
-    """Both with `frame` uploaded; released at the end."""
+    """Yield both renderers with `frame` uploaded; release them at the end."""
     renderers = GlRenderer(context, room, path), ReferenceRenderer(room)
     try:
         for renderer in renderers:
@@ -32,12 +32,12 @@ def both(
 
 
 def read(texture: moderngl.Texture, dtype: type = np.float32) -> np.ndarray:
-    """Colours (height, width, 3) of a texture of four channels."""
+    """Colours (height, width, 3) of a texture with four channels."""
     return np.frombuffer(texture.read(), dtype).reshape(texture.height, texture.width, 4)[..., :3]
 
 
 def drawn(room: Room, picture: np.ndarray, start: str, steps: int) -> tuple[Snapshot, np.ndarray]:
-    """What is read back of a picture of radiance after so many steps, and b, (camera pixels, 3)."""
+    """Snapshot of a radiance picture after `steps` steps, and b, (camera pixels, 3)."""
     renderer, frame = CpuRenderer(replace(room, start=start)), radiance_frame(picture)
     renderer.open(frame.format)
     renderer.upload(frame)

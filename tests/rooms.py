@@ -1,4 +1,4 @@
-"""Small rooms for tests: asymmetric on purpose, so that a flip or a swap of height and width shows."""
+"""Small rooms for tests, asymmetric so that a flip or a swap of height and width shows."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,16 +20,17 @@ from counterlight.tools.transport.transport import FarLight, Transport
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)
 MIXED, COLOUR = "mixed", ((0.75, 0.25, 0.0), (0.0, 0.875, 0.125), (0.125, 0.125, 0.75))
-UNLIKE = (4, "srgb"), (6, [[0, 0, 0], [0.1, 0.4, 0.2], [1, 1, 1]]), (3, "srgb")  # columns of projectors, responses
+# columns of each projector, and its response
+UNLIKE = (4, "srgb"), (6, [[0, 0, 0], [0.1, 0.4, 0.2], [1, 1, 1]]), (3, "srgb")
 SEGMENT = WhiteSegment(((0, 0, 0), (0.1, 0.05, 0.02), (0.5, 0.4, 0.3)))
 SEGMENTED = (4, "srgb"), (6, Response("gamma", 2.2, segment=SEGMENT)), (3, "srgb")
-FAINTEST = 1e-2  # share of a blur's peak below which an entry is left out
+FAINTEST = 1e-2  # share of a blur's peak; smaller entries are dropped
 
 
 def random_map(
     rng: np.random.Generator, output: tuple[int, int], source: tuple[int, int], longest: int, scale: float = 1.0
 ) -> RowMap:
-    """Rows of 0 to `longest` entries of both signs."""
+    """Random row map with 0 to `longest` entries per row, of both signs."""
     lengths = rng.integers(0, longest + 1, output[0] * output[1])
     indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     indices = rng.integers(0, source[0] * source[1], indptr[-1])
@@ -38,7 +39,7 @@ def random_map(
 
 
 def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered", response: str = "srgb") -> Room:
-    """A room whose maps are random: nothing physical, everything different from everything else."""
+    """Room with random maps: not physical, and with no equal parts."""
     calibration = Calibration(
         "random",
         "made by a test",
@@ -63,7 +64,7 @@ def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered",
 
 
 def in_strips(room: Room, strips: tuple[tuple[int, object], ...]) -> Room:
-    """The room with several projectors, of these columns and responses each; MIXED is one of other colours."""
+    """Split the room's projector into several, each with its columns and response; MIXED has other primaries."""
     height = room.calibration.projector.height
     devices = tuple(
         Device(height, width, parse_response("linear"), None, COLOUR)
@@ -76,13 +77,13 @@ def in_strips(room: Room, strips: tuple[tuple[int, object], ...]) -> Room:
 
 
 def in_two_rows() -> RasterResponse:
-    """Of a raster of 9x13: three projectors of different responses, the third, of other colours, below the others."""
+    """Three projectors in a raster of 9x13, with different responses; the third has other primaries and lies below."""
     responses = parse_response("srgb"), parse_response(1.6), parse_response("linear")
     return RasterResponse(responses, (Region(0, 0, 6, 5), Region(6, 0, 7, 4), Region(0, 5, 8, 4)), (None, None, COLOUR))
 
 
 def yuv_frame(rng: np.random.Generator, shape: tuple[int, int], **changes: object) -> Frame:
-    """A random 4:2:0 frame of odd size, with stride, in 8 or 10 bit."""
+    """Random 4:2:0 frame of odd size with padded rows, 8 or 10 bits."""
     height, width = shape
     depth = int(changes.get("depth", 8))  # type: ignore[call-overload]
     luma = PlaneShape(width, height, width + 3)
@@ -104,7 +105,7 @@ def yuv_frame(rng: np.random.Generator, shape: tuple[int, int], **changes: objec
 
 
 def rgb_frame(picture: NDArray[np.uint8], transfer: str = "srgb") -> Frame:
-    """A picture (rows, columns, 3) of 8-bit codes as a frame."""
+    """Frame of a picture (rows, columns, 3) of 8-bit codes."""
     height, width = picture.shape[:2]
     plane = PlaneShape(width, height, width)
     pixels = PixelFormat(width, height, "rgb", 8, (plane,) * 3, "identity", True, transfer, "center", 0, 1.0)
@@ -112,7 +113,7 @@ def rgb_frame(picture: NDArray[np.uint8], transfer: str = "srgb") -> Frame:
 
 
 def frame_of(pixels: PixelFormat, rng: np.random.Generator) -> Frame:
-    """Random code values in the planes of a format."""
+    """Frame with random code values in a pixel format."""
     shapes = [(plane.height, plane.stride_samples) for plane in pixels.planes]
     planes = tuple(rng.integers(0, 1 << pixels.depth, shape).astype(pixels.dtype) for shape in shapes)
     return _frame(pixels, planes)
@@ -129,9 +130,9 @@ def blurred_transport(
     sigma: float,
     shift: tuple[float, float] = (0, 0),
 ) -> sparse.csr_array:
-    """A textured surface seen through a Gaussian blur: camera pixels overlap their neighbours' projector pixels.
+    """T of a textured surface with Gaussian blur: camera pixels overlap their neighbours' projector pixels.
 
-    shift : how far the projector's picture has moved over the surface, its pixels right and down.
+    shift : of the projector picture on the surface, in projector pixels right and down.
     """
     y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
     centre_y = (y + 0.5) * projector[0] / camera[0] - shift[1]
@@ -158,11 +159,11 @@ def write_blurred_room(
     mixing: NDArray[np.float64] | None = None,
     shift: tuple[float, float] = (0, 0),
 ) -> Transport:
-    """A calibration folder of a textured, slightly blurred wall whose colours differ; returns its transport.
+    """Write a calibration of a textured, tinted, slightly blurred wall, and return its transport.
 
-    cells : of far light, a tenth of all light; 0 for none.  mixing : (3, 3), what each channel's light is made of, rows
-    of sum 1, for floodlights of the primaries.  shift : as for `blurred_transport`; the
-    paint stays.
+    cells : cells of far light, a tenth of all light; 0 for none.
+    mixing : (3, 3). Share of each primary per channel for the floodlights of the primaries; rows sum to 1.
+    shift : as in `blurred_transport`; the paint stays.
     """
     blur = blurred_transport(rng, camera, projector, 0.5, shift)
     tints = rng.uniform(0.5, 1, (3, blur.shape[0], 1))
@@ -183,12 +184,12 @@ def write_blurred_room(
 
 
 def _floodlights(composition: NDArray[np.float64], mixing: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(primary, camera pixels, camera channel)."""
+    """Floodlights of the primaries, (primary, camera pixels, camera channel)."""
     return np.moveaxis(composition[:, :, None] * mixing, 2, 0).astype(np.float32)
 
 
 def _far_light(rng: np.random.Generator, shape: tuple[int, int], cells: int) -> FarLight:
-    """Each cell takes the mean of its share of the projector, gives to all, and is seen by its share of the camera."""
+    """Far light: each cell averages its projector pixels, lights all cells, and is seen by its camera pixels."""
     seen, lit = (np.arange(pixels) * cells // pixels == np.arange(cells)[:, None] for pixels in shape)
     gather = sparse.csr_array((lit / lit.sum(axis=1, keepdims=True)).astype(np.float32))
     scatter = sparse.csr_array(seen.T.astype(np.float32))
@@ -197,7 +198,7 @@ def _far_light(rng: np.random.Generator, shape: tuple[int, int], cells: int) -> 
 
 
 def write_one_to_one_room(folder: Path, shape: tuple[int, int]) -> None:
-    """A calibration folder of a textured wall that the camera sees as the projector does, pixel for pixel."""
+    """Write a calibration of a textured wall with one camera pixel per projector pixel."""
     pixels = shape[0] * shape[1]
     albedo = np.random.default_rng(1).uniform(0.5, 1, pixels).astype(np.float32)
     T, device = sparse.csr_array(sparse.diags_array(albedo)), Device(*shape, Response("linear"))

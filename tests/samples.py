@@ -1,4 +1,4 @@
-"""A small file of each kind beside a room's own, and what reads it: what campaigns of damage start from."""
+"""Small file of each kind outside a calibration folder, with its reader, as input of damage campaigns."""
 
 import shutil
 from collections.abc import Callable
@@ -52,19 +52,19 @@ screenshot-directory = "shots"
 
 @dataclass(frozen=True)
 class Sample:
-    """What is in a file, and who reads it."""
+    """File content and its reader."""
 
     content: bytes
     read: Callable[[Path], object]
 
     def outcome(self, path: Path, content: bytes) -> str:
-        """What reading another content makes of it."""
+        """Outcome of reading another content."""
         path.write_bytes(content)
         return outcome(lambda: self.read(path))
 
 
 def samples(folder: Path) -> dict[str, Sample]:
-    """By file name. folder : an empty one to make them in."""
+    """Samples by file name, made in an empty folder."""
     rng = np.random.default_rng(1)
     rgb = rng.uniform(size=(*CAMERA.shape, 3)).astype(np.float32)
     exr.write_rgb(folder / "rgb.exr", rgb)
@@ -101,7 +101,7 @@ def samples(folder: Path) -> dict[str, Sample]:
 
 
 def _matrices(folder: Path, rng: np.random.Generator) -> dict[str, Sample]:
-    """One for each of scipy's formats."""
+    """Samples of each of scipy's sparse formats."""
     matrix = sparse.csr_array(sparse.random_array(SHAPE, density=0.1, rng=rng, dtype=np.float32))
     diagonals = sparse.dia_array((np.ones((3, SHAPE[1]), np.float32), [0, 1, -4]), shape=SHAPE)
     forms = matrix, matrix.tocsc(), matrix.tocoo(), matrix.tobsr((4, 5)), diagonals
@@ -134,7 +134,7 @@ def _session(folder: Path) -> bytes:
 
 
 def _read_session(path: Path) -> None:
-    """As a run that goes on: the file is in a folder of captures."""
+    """Read the file as a resumed acquisition does, in a folder of captures."""
     folder = path.with_suffix(".captures")
     folder.mkdir(exist_ok=True)
     shutil.copy(path, folder / SESSION)

@@ -1,4 +1,4 @@
-"""Scenes for tests: the shipped ones made small, and simple ones written on the spot."""
+"""Scenes for tests: small versions of the shipped scenes, and simple scenes from text."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ def small(name: str, camera: tuple[int, int] = (27, 48), projector: tuple[int, i
 
 
 def scene_file(tmp_path: Path, surfaces: str, **changes: str) -> Path:
-    """A scene of given surfaces before a projector and a camera on the z axis."""
+    """Write a scene of given surfaces before a projector and a camera on the z axis."""
     text = f"""
         [projector]
         width = 16

@@ -1,6 +1,6 @@
-"""X servers for tests, each ended by the process that started it: one screen (Xvfb), two monitors (Xorg, dummy driver).
+"""X servers for tests, ended by the process that started them: one screen (Xvfb), two monitors (Xorg, dummy driver).
 
-xrandr --setmonitor, a second Xvfb screen and Xinerama are not seen by GLFW, hence a real Xorg for two monitors.
+GLFW does not see monitors from xrandr --setmonitor, a second Xvfb screen or Xinerama, so two monitors need Xorg.
 """
 
 import os
@@ -42,16 +42,15 @@ EndSection
 
 
 class NoServerError(Exception):
-    """An X server did not start: why, and what to install."""
+    """An X server did not start; the message says why and what to install."""
 
 
 @contextmanager
 def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str = "", depth: int = 24) -> Iterator[str]:
-    """Run Xvfb with one screen of (width, height); yields its DISPLAY, which may be given.
+    """Run Xvfb with one screen of (width, height) and yield its DISPLAY, which may be given.
 
-    depth : bits of a pixel, 24, or 30 for codes of 10 bits.
-
-    `folder` takes the server's log.
+    depth : bits per pixel, 24, or 30 for 10-bit codes.
+    folder : receives the server's log.
     """
     screen = f"{size[0]}x{size[1]}x{depth}"
     with _server(["Xvfb", *display.split(), "-screen", "0", screen], folder / "xvfb.log") as display:
@@ -60,7 +59,7 @@ def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str =
 
 @contextmanager
 def two_monitors(folder: Path, second: tuple[int, int] = (1024, 768)) -> Iterator[str]:
-    """Run Xorg with DUMMY0 1280x720 at 0,0 (primary) and DUMMY1 at 1280,0; yields its DISPLAY.
+    """Run Xorg with DUMMY0 1280x720 at 0,0 (primary) and DUMMY1 at 1280,0; yield its DISPLAY.
 
     second : (width, height) of DUMMY1.
     """
@@ -71,17 +70,17 @@ def two_monitors(folder: Path, second: tuple[int, int] = (1024, 768)) -> Iterato
         _xrandr(display, "--output", "DUMMY0", "--mode", "1280x720", "--pos", "0x0", "--primary")
         width, height = second
         mode, lines = f"{width}x{height}", (width, width, width, width, height, height, height, height)
-        if second != (1024, 768):  # which the server knows
+        if second != (1024, 768):  # the server knows this mode
             _xrandr(display, "--newmode", mode, "25", *(str(line + 8 * (n % 4)) for n, line in enumerate(lines)))
         _xrandr(display, "--addmode", "DUMMY1", mode)
         _xrandr(display, "--output", "DUMMY1", "--mode", mode, "--pos", "1280x0")
-        _xrandr(display)  # a full query: GLFW reads the server's cached list, which has one monitor without it
+        _xrandr(display)  # a full query, without which GLFW reads a cached list with one monitor
         yield display
 
 
 @contextmanager
 def _server(command: Sequence[str], log: Path) -> Iterator[str]:
-    """Run an X server on a display of its own choice; it keeps its state when the last window closes (-noreset)."""
+    """Run an X server that chooses its display and keeps its state when the last window closes (-noreset)."""
     if shutil.which(command[0]) is None:
         raise NoServerError(f"{command[0]} is not installed; make test installs it, counterlight doctor says how")
     readable, writable = os.pipe()
@@ -98,7 +97,7 @@ def _server(command: Sequence[str], log: Path) -> Iterator[str]:
 
 
 def _first_line(readable: int, name: str, log: Path) -> str:
-    """The display number, which a server writes when it is ready for clients."""
+    """Returns the display number, which a server writes when it is ready for clients."""
     line = b""
     while not line.endswith(b"\n"):
         ready, _, _ = select.select([readable], [], [], START_S)

@@ -1,4 +1,4 @@
-"""A screen for rooms of tests whose camera is taken for two below each other."""
+"""Screen for test rooms whose camera raster is split into two cameras."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from counterlight.screen import Screen
 
 
 def split_screen(camera: tuple[int, int], top: int) -> Screen:
-    """The upper camera, one pixel narrower, sees the screen's left, turned and shrunk; the lower one its right."""
+    """The upper camera, one pixel narrower, sees the screen's left part, turned and smaller; the lower, its right."""
     height, width = camera
     positions = np.zeros((height, width, 2), np.float32)
     y, x = np.mgrid[:height, :width] + 0.5

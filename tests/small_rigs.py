@@ -1,4 +1,4 @@
-"""Rooms of the rig, a fifth as large along each side, for tests."""
+"""Rooms of the rig for tests, with a fifth of the pixels along each side."""
 
 from functools import cache
 

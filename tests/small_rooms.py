@@ -1,4 +1,4 @@
-"""Small maps of random words, and rooms that say how exact they are to be."""
+"""Small random word maps, and rooms with certified maps in words."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def random_small(
     longest: int = 20,
     trusted: bool = False,
 ) -> SmallMap:
-    """Rows of 0 to `longest` entries, every third of three codes, every fifth of one channel."""
+    """Random map with 0 to `longest` entries per row; every third has three codes, every fifth one channel."""
     rows, columns = output[0] * output[1], source[0] * source[1]
     lengths = np.minimum(rng.integers(0, longest + 1, rows), columns)
     indices = np.concatenate([np.sort(rng.choice(columns, n, replace=False)) for n in lengths]).astype(np.int32)
@@ -34,12 +34,12 @@ def random_small(
 
 
 def with_words(room: Room, max_error: float = 0.5) -> Room:
-    """The room with what it has in words, as a build leaves it."""
+    """The room with its maps in words, as a build stores them."""
     return replace(room, maps=replace(room.maps, words=words_of(room.maps, max_error)))
 
 
 def as_long(maps: RoomMaps) -> RoomMaps:
-    """The numbers of the words in maps of 16 bytes an entry, for the CPU twin."""
+    """The values of the words in maps of 16 bytes per entry, for the CPU function."""
     assert maps.refinement is not None
     assert maps.words is not None
     small = {name: made.unpacked() for name, made in maps.words.maps.items()}
@@ -71,7 +71,7 @@ def _packed(small: SmallMap) -> RowMap:
 
 
 def _undone(small: SmallMap, gain: np.ndarray) -> RowMap:
-    """Of the picture itself, not of its weighed one."""
+    """Row map that multiplies the plain picture, not the picture weighted by `gain`."""
     rows: SparseRows = small.unpacked()
     rows = replace(rows, weights=rows.weights * gain.reshape(-1, 3)[rows.indices])
     return pack(rows, small.output_shape, small.source_shape)

@@ -1,4 +1,4 @@
-"""A session with everything around it made up: clock, reader, renderer and display are stand-ins."""
+"""Session with fakes around it: clock, reader, renderer and display."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class Clock:
 
 @dataclass
 class Reader:
-    """Frames at 25 per second, all decoded at once; round and round if looped."""
+    """Fake reader with 25 frames per second, all decoded at once; loops if asked."""
 
     path: str = "clip"
     count: int = 50
@@ -52,8 +52,8 @@ class Reader:
     released: list[int] = field(default_factory=list)
     news: list[str] = field(default_factory=list)
     closed: bool = False
-    opens_s: float = 0.0  # how long it takes to open
-    error: str | None = None  # and what is then wrong with it
+    opens_s: float = 0.0  # seconds that opening takes
+    error: str | None = None  # the error that follows
 
     def __post_init__(self) -> None:
         self.info: Any = SimpleNamespace(
@@ -66,7 +66,7 @@ class Reader:
             duration_s=None if self.still else self.count / 25,
             codec="none",
         )
-        self.clock: Callable[[], float] = float  # 0.0; the stage gives its own
+        self.clock: Callable[[], float] = float  # always 0.0; the stage replaces it
         self.opened_at = 0.0
 
     @property
@@ -107,7 +107,7 @@ class Reader:
 
 @dataclass
 class Screen:
-    """Records what it is asked to show; also stands in for the renderer."""
+    """Fake window and renderer that records the pictures it should show."""
 
     closed: bool = False
     fullscreen: bool = False
@@ -205,7 +205,7 @@ class Screen:
 
 
 class Stage:
-    """A show with everything around its session made up; stands in for the opener and the room."""
+    """Show with fakes around its session, including the opener and the room."""
 
     def __init__(self, *readers: Reader, loop_list: bool = False, **options: Any) -> None:
         self.readers = {reader.path: reader for reader in readers or (Reader(),)}
@@ -292,7 +292,7 @@ class Stage:
             self.show.step()
 
     def press(self, *keys: str) -> str:
-        """Press keys and draw; what the screen says afterwards."""
+        """Press keys, draw, and return the message on the screen."""
         for key in keys:
             self.show.press(key)
             self.show.step()

@@ -1,4 +1,4 @@
-"""The default map, clamped, is never worse over the pictures than direct mapping or the plain pseudo-inverse."""
+"""The default map, clamped, is never worse over all pictures than direct mapping or the plain pseudo-inverse."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,11 +22,12 @@ from tests.rooms import write_blurred_room
 from tests.scenes import small
 
 CAMERA, PROJECTOR = (36, 48), (24, 32)
-SINGLE_PICTURE_DB = 0.8  # λ serves pictures together; of a ramp at 39 dB, holding back what is hardly seen costs 0.5
+# λ is chosen for all pictures: a ramp at 39 dB loses 0.5, because hardly seen pixels are damped
+SINGLE_PICTURE_DB = 0.8
 
 
 def pictures(shape: tuple[int, int]) -> list[np.ndarray]:
-    """A photograph, letters, a ramp (λ is chosen on these), white, and a dark noisy one that the choice never saw."""
+    """A photograph, letters, a ramp (λ is chosen on these), white, and a dark noisy picture unknown to it."""
     noise = cv2.GaussianBlur(np.random.default_rng(11).uniform(size=shape), (0, 0), 1.5)
     dark = 0.3 * (noise - noise.min()) / np.ptp(noise)
     return [np.repeat(grey[..., None], 3, axis=2) for grey in (*typical_pictures(shape), np.ones(shape), dark)]

@@ -1,4 +1,4 @@
-"""Captures belong to one acquisition: it goes on with them until its room is in place, and no other one uses them."""
+"""Captures belong to one acquisition: only this acquisition resumes with them, until its room is in place."""
 
 import filecmp
 import shutil
@@ -34,7 +34,7 @@ def runner() -> Iterator[Runner]:
 
 
 def redecorate(room: Path, seed: int) -> None:
-    """The simulated room becomes another one, of the same name and size."""
+    """Replace the simulated room by another room of the same name and size."""
     shutil.rmtree(room, ignore_errors=True)
     write_blurred_room(room, np.random.default_rng(seed), CAMERA, PROJECTOR)
 
@@ -51,7 +51,7 @@ def same_folders(one: Path, other: Path) -> bool:
 
 
 def captures(output: Path) -> Path:
-    """Where the captures of a finished acquisition are; there are no others."""
+    """Returns the folder of a finished acquisition's captures, and checks that there are no others."""
     folder = output.with_name(f"{output.name}.captures")
     (found,) = (path for path in folder.iterdir() if path.is_dir())
     assert sorted(path.name for path in folder.iterdir()) == [found.name, "session.toml"]
@@ -86,7 +86,7 @@ def test_old_captures_are_used_again_only_by_who_asks_for_that(
     redecorate(room, 1)
     assert acquire_transport.main(arguments_of(room, output)) == 0
     shutil.copytree(output, tmp_path / "first")
-    assert "--reuse-captures" not in refused(capsys, arguments_of(room, output))  # a calibration is there already
+    assert "--reuse-captures" not in refused(capsys, arguments_of(room, output))  # a calibration exists already
     shutil.rmtree(output)
     line = refused(capsys, arguments_of(room, output))
     assert "out.captures: captures of an acquisition that is finished; take new ones with --force" in line
@@ -100,9 +100,9 @@ def test_old_captures_are_used_again_only_by_who_asks_for_that(
 
 
 def test_killed_at_any_step_the_rooms_are_whole_and_the_next_run_ends_the_same(tmp_path: Path, runner: Runner) -> None:
-    """A forced acquisition over a finished one, struck now and then, often at the end, where rooms change places.
+    """A forced acquisition over a finished one survives kills, most of them at the end, where rooms change places.
 
-    `make fuzz` strikes at steps by the thousand.
+    `make fuzz` kills at thousands of steps.
     """
     room, output = tmp_path / "room", tmp_path / "out"
     redecorate(room, 1)
@@ -179,11 +179,12 @@ def test_a_folder_camera_does_not_take_yesterdays_captures(tmp_path: Path, capsy
     assert acquire_transport.main([*command, "--force"]) == 0
     truth = read_transport(calibration.read(room)).composition()
     found = read_transport(calibration.read(tmp_path / "out")).composition()
-    assert np.corrcoef(truth.ravel(), found.ravel())[0, 1] > 0.99  # noise is below 1 %; another room's would be far off
+    # noise is below 1 %; the light of another room would differ by far
+    assert np.corrcoef(truth.ravel(), found.ravel())[0, 1] > 0.99
 
 
 def photograph(command: list[str], exchange: Path, eye: SimulatedCamera) -> None:
-    """Answer what the command asks for, until its last level is there."""
+    """Photograph the patterns that the command shows, until its last level is captured."""
     while acquire_transport.main(command) != 0:
         shown = sorted((exchange / "patterns").glob("*.png"))
         for path in shown:

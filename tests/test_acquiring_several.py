@@ -1,4 +1,4 @@
-"""Several projectors in one acquisition: one black, one after the other, one room."""
+"""Acquires several projectors in one run: one black capture, one projector after the other, one room."""
 
 import json
 import re
@@ -28,7 +28,7 @@ FAINT = "--full-well", "1e6", "--exposures", "1"
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two overlapping projectors of different sizes, responses and black levels, which add up where they overlap."""
+    """Two overlapping projectors of different sizes, responses and black levels; their light adds in the overlap."""
     folder = tmp_path_factory.mktemp("several")
     stored = calibration.read(join(write_halves(folder, right_response="linear"), folder / "joint"))
     ambient = stored.calibration.ambient.copy()
@@ -54,13 +54,13 @@ def test_both_are_measured_in_one_run(truth: Path, acquired: Path) -> None:
     for device, meant in zip(room.projectors, true.calibration.projectors, strict=True):
         np.testing.assert_allclose(device.response.to_linear(codes), meant.response.to_linear(codes), atol=0.01)
     exact, measured = (channel(read_transport(stored).near, 1).toarray() for stored in (true, found))
-    assert np.linalg.norm(measured - exact) < 0.05 * np.linalg.norm(exact)  # noise, and what the threshold leaves out
-    assert room.mask.mean() > 0.85  # without the footprints that a raster's border cuts
-    np.testing.assert_allclose(room.ambient, true.calibration.ambient, atol=0.001)  # of black, captured once
+    assert np.linalg.norm(measured - exact) < 0.05 * np.linalg.norm(exact)  # noise, and light below the threshold
+    assert room.mask.mean() > 0.85  # without footprints that the border of a raster cuts
+    np.testing.assert_allclose(room.ambient, true.calibration.ambient, atol=0.001)  # noise of the black captures
 
 
 def test_what_they_share_is_captured_once(acquired: Path) -> None:
-    """Black beside two floodlights; then each one's own pictures, the other black."""
+    """Black and two floodlights are captured once; then each projector shows its own pictures, the other black."""
     captures = acquired.with_name("acquired.captures") / "captures"
     seen = [read_picture(captures / f"{number:05}.png").mean() for number in range(3 * REPEATS)]
     assert max(seen[0::3]) < 0.2 * min(seen[1::3] + seen[2::3])
@@ -77,7 +77,7 @@ def test_what_they_share_is_captured_once(acquired: Path) -> None:
 
 @pytest.mark.parametrize("left", [3 * REPEATS - 5, 3 * REPEATS + 2 * len(light_level(LEFT).patterns)])
 def test_an_interrupted_one_goes_on_where_it_stopped(truth: Path, acquired: Path, tmp_path: Path, left: int) -> None:
-    """Within the floodlights, and within the first projector's scheme."""
+    """Interrupted within the floodlights, and within the first projector's scheme."""
     whole, torn = acquired.with_name("acquired.captures"), tmp_path / "again.captures"
     shutil.copytree(whole, torn)
     unfinished(torn)
@@ -93,7 +93,7 @@ def test_an_interrupted_one_goes_on_where_it_stopped(truth: Path, acquired: Path
 
 
 def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, tmp_path: Path) -> None:
-    """The report says which black level all of the picture can show; there it has no brighter stripe."""
+    """The report gives the black level that the whole picture can show; at this level the overlap is no brighter."""
     report = json.loads((acquired.with_name("acquired.report") / "report.json").read_text())
     line = next(line for line in report["summary"] if line.startswith("black: "))
     found = re.fullmatch(r"black: (\S+) to (\S+) % of white; counterlight play --black-level (\S+) shows it even", line)
@@ -110,8 +110,8 @@ def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, t
         light = read_transport(stored) @ exr.read_rgb(drive).astype(np.float64) + stored.calibration.ambient
         columns = np.ma.median(np.ma.array(light[..., 1], mask=~mask), axis=0)
         stripes.append(columns[inside].mean() - columns[edge : OVERLAP.start - 2].mean())
-    assert stripes[0] > 0.011  # 0.03 where both are, 0.018 at the left
-    assert abs(stripes[1]) < 0.001  # pixels of random albedo are evened out by 8 steps as far as they go
+    assert stripes[0] > 0.011  # 0.03 in the overlap, 0.018 at the left
+    assert abs(stripes[1]) < 0.001  # 8 steps even out pixels of random albedo this far
 
 
 def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,7 +125,7 @@ def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.C
 
 
 def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
-    """The room that joining projectors, then cameras, makes of exact parts."""
+    """Acquiring gives the room that joining exact projectors, then cameras, gives."""
     pairs = write_pairs(tmp_path, gain=(0.9, 1.0, 1.2))
     truth, found = tmp_path / "truth", tmp_path / "found"
     succeed("join", *pairs, "--cameras", "-o", truth)
@@ -136,12 +136,13 @@ def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
     room, expected = measured.calibration, exact.calibration
     assert (room.cameras, room.regions) == (expected.cameras, expected.regions)
     T, meant = (channel(read_transport(each).near, 1).toarray() for each in (measured, exact))
-    assert np.linalg.norm(T - meant) < 0.05 * np.linalg.norm(meant)  # noise, and what the threshold leaves out
+    assert np.linalg.norm(T - meant) < 0.05 * np.linalg.norm(meant)  # noise, and light below the threshold
     assert room.screen is not None
     assert expected.screen is not None
     both = room.mask & expected.mask
     away = (room.screen.positions - expected.screen.positions)[both]
-    assert np.percentile(np.abs(away - np.median(away, axis=0)), 95) < 0.3  # camera pixels: a fifth of the projector's
+    # in camera pixels; a fifth of a projector pixel
+    assert np.percentile(np.abs(away - np.median(away, axis=0)), 95) < 0.3
 
 
 def test_a_folder_is_shown_the_raster(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ TAKEN = FIRST + len(light_level(PROJECTOR).patterns)  # before the first pattern
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line that the command refuses with."""
+    """Returns the command's only error line."""
     capsys.readouterr()
     assert acquire_transport.main([str(word) for word in arguments]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
@@ -126,7 +126,7 @@ def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random
 
 
 class FillingDisk(CaptureStore):
-    """From capture 20 on, there is no space."""
+    """Disk that is full from capture 20 on."""
 
     def _put_shots(self, paths: Sequence[Path], shots: Sequence[Shot]) -> None:
         with no_file_above(200 if int(paths[0].stem) >= 20 else resource.RLIM_INFINITY):
@@ -178,7 +178,7 @@ def test_repeated_shots_are_kept_one_by_one_and_resumed_bit_identical(tmp_path: 
 
 
 def unfinished(captures: Path) -> None:
-    """As a run leaves them that is killed before its room is in place."""
+    """Restore the state of a run that was killed before its room was in place."""
     session = captures / "session.toml"
     lines = [line for line in session.read_text().splitlines() if not line.startswith(("made", "finished"))]
     session.write_text("\n".join(lines))
@@ -221,7 +221,7 @@ def test_captures_of_other_options_are_not_mixed(
 def test_captures_from_before_faint_light_was_left_are_not_mixed(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A wide raster's blocks are cut by another rule since then, so that other pictures follow."""
+    """Newer versions cut the blocks of a wide raster by another rule, so that other pictures follow."""
     arguments = ["--camera", f"simulated:{small_room(tmp_path / 'room', rng)}", "--shots", "1", "-o"]
     assert acquire_transport.main([*arguments, str(tmp_path / "out")]) == 0
     unfinished(tmp_path / "out.captures")
@@ -237,7 +237,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     room = small_room(tmp_path / "room", rng)
-    # As a folder does where nobody waits and captures have no pace.
+    # A folder camera also takes one shot, because its captures have no known pace.
     succeed("acquire", "--camera", f"simulated:{room}", "--shots", "1", "-o", tmp_path / "direct")
     eye = SimulatedCamera(simulated_rooms(room)[0], CameraSettings())
     exchange = tmp_path / "exchange"
@@ -259,11 +259,11 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     assert len(names) == 3 + 1 + 3 + 2  # T of three channels and far, primaries, ambient light, mask
     assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])
     one, other = (calibration.read(tmp_path / name).calibration for name in ("direct", "asked"))
-    assert one.projector == other.projector  # with its response
+    assert one.projector == other.projector  # including the response
 
 
 def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str], Path]:
-    """A folder whose captures of black and floodlight are there."""
+    """Folder with captures of black and floodlight."""
     eye = SimulatedCamera(room_of(sharp_wall(rng)), CameraSettings())
     captures = tmp_path / "x" / "captures"
     captures.mkdir(parents=True)
@@ -318,7 +318,7 @@ def test_bad_captures_are_refused(
 
 
 class Spoilt:
-    """A camera whose captures from `start` on are changed by `spoil`."""
+    """Camera that changes its captures from `start` on with `spoil`."""
 
     def __init__(self, room: SimulatedRoom, start: int, spoil: Any, end: int = 10**6) -> None:
         self._camera, self._numbers, self._spoil = SimulatedCamera(room, NOISY), range(start, end), spoil
@@ -403,7 +403,7 @@ def test_wrong_use_is_refused(
 
 
 def small_scene(tmp_path: Path, name: str) -> Path:
-    """A shipped scene, small."""
+    """Shipped scene at a small size."""
     text = (Path(__file__).parents[1] / "calib_data" / "scenes" / f"{name}.toml").read_text()
     small = {"width = 384": "width = 64", "height = 216": "height = 48", "width = 480": "width = 56"}
     for old, new in {**small, "height = 270": "height = 42", "cells = 700": "cells = 150"}.items():
@@ -414,7 +414,7 @@ def small_scene(tmp_path: Path, name: str) -> Path:
 
 
 def seen_through_truth(folder: Path, desired: np.ndarray, truth: Transport, room: Calibration) -> np.ndarray:
-    """What the camera sees in the true room when the map of `folder` compensates."""
+    """Camera picture in the true room when the map of `folder` compensates."""
     stored = calibration.read(folder)
     drive = compensation(read_maps(stored)).apply(desired - stored.calibration.ambient)
     light = truth.apply(np.clip(drive, 0, 1).reshape(-1, 3)).reshape(desired.shape)
@@ -438,7 +438,7 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     found, true = (each.projector.response.to_linear(codes) for each in (acquired, room))
     np.testing.assert_allclose(
         found, true, atol=2e-3
-    )  # sRGB's bend below the first of 17 levels; noise is 10 times less
+    )  # sRGB's bend below the first of 17 levels; noise is 10 times smaller
     np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # 10 σ of two dark captures
     assert np.mean(acquired.mask == room.mask) > 0.95
     flood = truth.composition().reshape(*room.camera.shape, 3) + room.ambient
@@ -457,7 +457,10 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
 def test_the_next_command_and_missing_coverage_are_said(
     hidden: int, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """hidden : columns at the left of the projector's picture that light nothing in the camera's view."""
+    """Both the next command and the missing coverage are printed.
+
+    hidden : columns at the left of the projector picture that light nothing in the camera's view.
+    """
     device, ambient = Device(*CAMERA, LINEAR), np.full((*CAMERA, 3), 0.01, np.float32)
     visible = sparse.diags_array(np.float32(np.arange(SHAPE[1]) % PROJECTOR[1] >= hidden))
     near = tuple(sparse.csr_array(each @ visible) for each in channels(sharp_wall(rng).near))
@@ -538,7 +541,7 @@ def test_the_reference_tells_light_from_black() -> None:
 def test_one_shot_has_the_radiance_that_the_sums_of_a_bracket_give(
     rng: np.random.Generator, response: str, dtype: type, colours: int
 ) -> None:
-    """It is looked up instead: every code that there is, grey and in colour, bit for bit."""
+    """The lookup table of a single shot equals the sums bit for bit, for every code, grey and in colour."""
     codes = np.arange(np.iinfo(dtype).max + 1).astype(dtype).reshape(-1, 16)
     shot = codes if colours == 1 else rng.permuted(np.repeat(codes[..., None], 3, axis=2), axis=0)
     exposures = Exposures((0.37,), parse_response(response))

@@ -61,7 +61,7 @@ def test_memory_asked_for_is_that_of_some_connections(
     monkeypatch.setattr(memory, "check", noted)
     done = run(room_of(sharp_wall(rng)), HierarchicalScheme())
     connections = max(int(note.split()[-3]) for note in done.measured.notes if "connections" in note)
-    assert connections > 3 * of_band  # all at once would have asked for so many
+    assert connections > 3 * of_band  # one request for all connections would have exceeded this
     assert max(asked) <= hierarchical.BYTES_A_PARENT * of_band
 
 
@@ -76,7 +76,7 @@ def test_readings_on_disk_are_those_in_memory(rng: np.random.Generator, tmp_path
     for level in levels:
         kept.add(level)
         stored.add(level)
-    assert not list(tmp_path.iterdir())  # nothing that a killed run would leave
+    assert not list(tmp_path.iterdir())  # a killed run leaves no files
     for one, other in zip(kept.taken(), stored.taken(), strict=True):
         for field in fields(Reading):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
@@ -85,7 +85,7 @@ def test_readings_on_disk_are_those_in_memory(rng: np.random.Generator, tmp_path
 def test_of_a_wide_raster_smooth_far_light_is_not_followed(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A quarter of the light comes evenly from everywhere: as good a T from far fewer pictures."""
+    """A quarter of the light is smooth far light: T is as good with far fewer pictures."""
     truth = with_far_light(sharp_wall(rng), 0.25)
     scheme = HierarchicalScheme(Threshold(absolute=5e-4))
     followed = run(room_of(truth), scheme, QUIET)
@@ -98,7 +98,7 @@ def test_of_a_wide_raster_smooth_far_light_is_not_followed(
 def test_of_a_wide_raster_a_faint_second_place_is_still_found(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A mirror's spot differs from quarter to quarter."""
+    """A mirror's spot differs between the quarters of a block."""
     truth = mirror(rng)
     monkeypatch.setattr(blocks, "WIDE", 0)
     found = run(room_of(truth), HierarchicalScheme())
@@ -143,4 +143,4 @@ def test_far_light_between_nodes_gives_the_same_pictures(rng: np.random.Generato
     np.testing.assert_allclose(transport.composition(), whole.composition(), rtol=1e-6)  # float32
     drive = np.repeat(rng.random((whole.shape[1], 1)), 3, axis=1)
     lost = transport.apply(drive) - whole.apply(drive)
-    assert np.sqrt(np.mean(lost**2) / np.mean(whole.composition() ** 2)) < 0.01  # what `smoothed` allows, and noise
+    assert np.sqrt(np.mean(lost**2) / np.mean(whole.composition() ** 2)) < 0.01  # the limit of `smoothed`, and noise

@@ -1,4 +1,4 @@
-"""Acquisition: schedules, codes, and what each scheme finds of a known T."""
+"""Acquisition: schedules, codes, and how well each scheme finds a known T."""
 
 import re
 from dataclasses import replace
@@ -58,7 +58,7 @@ from tests.acquired_rooms import (
 from tests.studies.acquisition import relative_error
 from tests.studies.baselines import FixedBlocksScheme, PixelByPixelScheme
 
-# Which blocks may be lit together.
+# Blocks that may be lit together.
 
 
 @settings(max_examples=100, deadline=None)
@@ -81,7 +81,7 @@ def test_a_colouring_gives_no_neighbours_the_same_colour(seed: int) -> None:
     colours = colour_graph(graph)
     assert not np.any((half | half.T) & (colours[:, None] == colours))
     assert set(colours) == set(range(len(set(colours))))
-    assert colours.max(initial=-1) <= np.diff(graph.indptr).max(initial=0)  # Brooks, and one more
+    assert colours.max(initial=-1) <= np.diff(graph.indptr).max(initial=0)  # Brooks' bound plus 1
 
 
 def test_a_wall_of_overlapping_windows_needs_no_more_colours_than_a_window_has_blocks() -> None:
@@ -113,7 +113,7 @@ def test_blocks_divide_into_their_children() -> None:
 
 
 def known_parts(rng: np.random.Generator, cameras: int) -> list[BlockLight]:
-    """Light of blocks of several sizes, the camera pixels ascending, some of them twice."""
+    """Light of blocks of several sizes; camera pixels ascend, and some repeat."""
     parts = []
     for grid in grids(PROJECTOR)[1:5]:
         camera, block = np.sort(rng.integers(0, cameras, 60)), rng.integers(0, grid.count, 60)
@@ -128,12 +128,12 @@ def test_what_is_known_adds_to_a_capture_as_much_as_its_blocks_are_lit(rng: np.r
         known.add(part)
         lit = np.array([pattern[part.grid.labels == block].mean() for block in part.block])
         np.add.at(expected, part.camera, part.light * lit[:, None])
-    np.testing.assert_allclose(known.seen(pattern), expected, rtol=1e-12)  # float64 sums of some terms
+    np.testing.assert_allclose(known.seen(pattern), expected, rtol=1e-12)  # float64 sums of few terms
 
 
 @pytest.mark.parametrize("repeated", [1, 1000])
 def test_a_capture_is_read_above_black_and_what_is_known(repeated: int, rng: np.random.Generator) -> None:
-    """Of few entries and, repeated, of so many that all cores read them."""
+    """Read in one thread for few entries and, repeated, on all cores."""
     known, pattern = KnownLight(40, PROJECTOR), rng.random(PROJECTOR) < 0.3
     for part in known_parts(rng, 40):
         known.add(part)
@@ -177,7 +177,7 @@ def test_connections_that_memory_cannot_hold_are_refused_with_what_helps(
 @settings(max_examples=50, deadline=None)
 @given(seed=SEEDS)
 def test_energy_is_kept_once(seed: int) -> None:
-    """Whatever is measurable, quarters that add up to their parent leave as much light as the parent had."""
+    """Quarters that add up to their parent keep the parent's light, whichever of them are measurable."""
     rng = np.random.default_rng(seed)
     grid = grids(PROJECTOR)[rng.integers(0, 5)]
     block = rng.integers(0, grid.count, 40)
@@ -189,7 +189,7 @@ def test_energy_is_kept_once(seed: int) -> None:
 
 
 def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: np.random.Generator) -> None:
-    """Against the normal equations of all 21 measurements that a tree of 4×4 pixels has."""
+    """Compared with the normal equations of all 21 measurements of a tree of 4×4 pixels."""
     levels = grids((4, 4))
     blocks_of = [np.eye(grid.count)[grid.labels.ravel()].T for grid in levels]
     design = np.concatenate(blocks_of)
@@ -214,7 +214,7 @@ def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: n
 
 
 def test_light_of_blocks_acts_as_it_was_measured(rng: np.random.Generator) -> None:
-    """Coarse blocks as far light, blocks of four pixels beside single ones as near light."""
+    """Coarse blocks become far light; single pixels and blocks of four pixels next to them become near light."""
     camera, pixel = np.nonzero(rng.random((SHAPE[0], SHAPE[1])) < 0.02)
     row, column = np.divmod(pixel, PROJECTOR[1])
     quads = BlockGrid(PROJECTOR, 2)
@@ -320,7 +320,7 @@ def test_a_bracket_reaches_where_one_exposure_saturates() -> None:
     assert [shot.dtype for shot in shots] == [np.uint8, np.uint8]
     light = camera.exposures.radiance(shots).reshape(-1, 3)[:, 0]
     truth = transport.composition()[:, 0]
-    # Half a code value: 0.9 % of the light at sRGB code 128 and above; darker ones are covered by the longer exposure.
+    # Half a code value: 0.9 % of the light at sRGB code 128 and above; the longer exposure covers darker codes.
     bright = truth > 0.05
     np.testing.assert_allclose(light[bright], truth[bright], rtol=0.02)
     assert not camera.exposures.saturated(shots).any()
@@ -335,13 +335,13 @@ def test_shots_of_a_capture_are_averaged_and_the_threshold_follows_their_noise(r
     assert nine.exposures == 9 * nine.pictures
     for level in (0.0, 0.5):
         sigmas = [done.room.noise.sigma(np.full((1, 3), level)) for done in (one, nine)]
-        # A third; 1404 samples, and their median in the dark is one of few code values.
+        # The ratio is a third. 1404 samples; in the dark, the median of their noise takes few code values.
         np.testing.assert_allclose(sigmas[1], sigmas[0] / 3, rtol=0.2)
     assert error(nine.measured.transport, truth) < 0.5 * error(one.measured.transport, truth)
 
 
 class CountingEye(SimulatedEye):
-    """Counts the frames that are let pass, and remembers how each capture was exposed."""
+    """Counts the frames that are skipped, and records the exposure times."""
 
     def __init__(self, room: SimulatedRoom, settings: CameraSettings) -> None:
         super().__init__(room, settings, MemoryScreen(room.projector))
@@ -352,7 +352,7 @@ class CountingEye(SimulatedEye):
         self.exposed.append(time)
 
     def frame(self) -> Shot:
-        self.passed -= 1  # it skips to the frame that it takes
+        self.passed -= 1  # super() skips up to the frame that it returns
         return super().frame()
 
     def skip(self) -> None:
@@ -381,7 +381,7 @@ def test_without_noise_the_hierarchical_scheme_finds_t(rng: np.random.Generator)
 
 
 def test_light_kept_at_coarse_levels_does_not_leak_into_fine_ones(rng: np.random.Generator) -> None:
-    """A third of the light is far: below τ for every small block, many τ for the blocks of one pattern together."""
+    """A third of the light is far: below τ for every small block, many τ for all blocks of a pattern together."""
     near = sharp_wall(rng)
     truth = with_far_light(near, 0.33)
     done = run(room_of(truth), HierarchicalScheme(Threshold(absolute=0.004)), QUIET)
@@ -390,7 +390,7 @@ def test_light_kept_at_coarse_levels_does_not_leak_into_fine_ones(rng: np.random
     leaked = channel(transport.near, 0).toarray() * dark
     assert leaked.sum() < 0.02 * channel(transport.near, 0).sum()
     assert error(transport, truth) < 0.03
-    assert done.check.error < 0.02  # far light in blocks of 8 px where it is below τ
+    assert done.check.error < 0.02  # far light below τ stays in blocks of 8 px
 
 
 @pytest.mark.parametrize("far", [0.0, 0.25])
@@ -400,12 +400,12 @@ def test_each_scheme_with_noise(rng: np.random.Generator, far: float) -> None:
     done = [run(room_of(truth), scheme) for scheme in schemes]
     errors = [error(each.measured.transport, truth) for each in done]
     pictures = [each.pictures for each in done]
-    # Photon noise of an entry of 0.25, 1.4 %; far light adds what blocks do not resolve.
+    # Photon noise of an entry of 0.25 is 1.4 %; unresolved far light in blocks adds to it.
     assert errors[0] < (0.05 if not far else 0.1)
     assert errors[1] < 0.05
     assert errors[2] < (0.05 if not far else 0.4)  # its far light is below the noise
     assert min(errors[3:]) > max(errors[:2])
-    frame = 2 * REPEATS + 2 * SHOTS + len(light_level(PROJECTOR).patterns) + 3  # before a scheme and after it
+    frame = 2 * REPEATS + 2 * SHOTS + len(light_level(PROJECTOR).patterns) + 3  # captures before and after a scheme
     assert pictures[2:4] == [frame + SHAPE[1], frame + 12 + 64]
     assert pictures[1] < pictures[0]
     for each in done[:2]:

@@ -1,4 +1,4 @@
-"""What a live picture says: framing, focus, exposure; and the folder in which other programs aim."""
+"""Advice of the live picture (framing, focus, exposure), and the folder for aiming with other programs."""
 
 from pathlib import Path
 
@@ -16,7 +16,10 @@ MARK = (255, 0, 160)
 
 
 def views(rng: np.random.Generator, box: tuple[int, int, int, int], noise: float = 0.004) -> list[np.ndarray]:
-    """Black, black and white of a projector that lights (top, left, below, right) of a textured view of 100x160."""
+    """Returns captures of black, black and white in a textured view of 100x160; the projector lights the box.
+
+    box : (top, left, bottom, right).
+    """
     top, left, below, right = box
     wall = rng.uniform(0.2, 0.8, (100, 160, 3))
     light = np.zeros((100, 160, 1))
@@ -28,7 +31,8 @@ def test_margins_are_those_of_the_picture(rng: np.random.Generator) -> None:
     found = framing(*views(rng, (10, 24, 85, 152)))
     assert found is not None
     margins = found.left, found.above, found.right, found.below
-    assert np.allclose(margins, (24 / 160, 10 / 100, 8 / 160, 15 / 100), atol=0.011)  # the median's corners
+    # the corners that the median gives
+    assert np.allclose(margins, (24 / 160, 10 / 100, 8 / 160, 15 / 100), atol=0.011)
     assert found.filled == pytest.approx(75 * 128 / 16000, abs=0.01)
     assert str(found) == "the picture is inside the view, margins of 5 % and more; it fills 60 %"
 

@@ -1,4 +1,4 @@
-"""The Python API: docs/api.md as it is printed, against independent products, and what importing costs."""
+"""The Python API: docs/api.md runs as printed, agrees with independent programs, and imports cheaply."""
 
 import re
 from collections.abc import Callable
@@ -105,7 +105,8 @@ def test_the_box_solution_is_scipys(room: cl.Room) -> None:
     objective = objective_of(room.transport, room.calibration, DEFAULT_AIMS)
     b, drive = (0.4 * picture - room.ambient).reshape(-1, 3), found.drive.reshape(-1, 3)
     for i in range(3):
-        assert value(objective, drive, b, i) <= best(objective, b, i) * (1 + 1e-3)  # the solver proves 1e-4 of it
+        # the solver proves 1e-4 relative to the optimum
+        assert value(objective, drive, b, i) <= best(objective, b, i) * (1 + 1e-3)
     assert found.below_optimum < 0.01
 
 
@@ -239,7 +240,7 @@ CODES = np.random.default_rng(12).integers(0, 256, (12, 16, 3)).astype(np.uint8)
 
 
 class Tensor:
-    """As arrays of other libraries are."""
+    """Array of another library."""
 
     def __init__(self, values: np.ndarray) -> None:
         self._values = values
@@ -298,7 +299,7 @@ def test_floats_that_look_like_codes_are_told_by_a_warning(room: cl.Room) -> Non
         (np.ones((12, 16)), r"shape \(12, 16\), expected \(12, 16, 3\); repeat grey"),
         (np.ones((12, 16, 4)), r"shape \(12, 16, 4\), expected \(12, 16, 3\); leave the fourth channel out"),
         (np.ones((16, 12, 3)), "width and height are swapped"),
-        (np.ones((16, 3)), r"shape \(16, 3\), expected"),  # numpy would repeat it
+        (np.ones((16, 3)), r"shape \(16, 3\), expected"),  # numpy would broadcast it
         (np.zeros((0, 3)), r"shape \(0, 3\), expected"),
         (np.full((12, 16, 3), np.inf), "NaN or infinity"),
         (np.full((12, 16, 3), 1e300), r"holds 1e\+300, expected at most"),
@@ -414,7 +415,7 @@ def test_a_folder_that_is_there_is_replaced_with_force(room: cl.Room, tmp_path: 
 
 
 def reached(thing: object, found: dict[int, object]) -> dict[int, object]:
-    """The dataclasses that one leads to by its fields, itself included."""
+    """Collect the dataclasses reachable from `thing` through fields, including itself."""
     for each in thing.values() if isinstance(thing, dict) else thing if isinstance(thing, tuple) else (thing,):
         if is_dataclass(each) and id(each) not in found:
             found[id(each)] = each

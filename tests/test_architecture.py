@@ -1,4 +1,4 @@
-"""docs/architecture.md against the code: files that it names, and the passes of a frame."""
+"""docs/architecture.md matches the code: the files that it names, and the passes of a frame."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Archives of arrays: what their headers claim is compared with what they hold before memory is taken for it."""
+"""Archives of arrays: their headers are compared with their content before memory is allocated."""
 
 import io
 import struct
@@ -30,7 +30,7 @@ def matrix(rng: np.random.Generator) -> sparse.csr_array:
 def test_every_format_of_scipy_is_read(tmp_path: Path, matrix: sparse.csr_array, form: str, dtype: str) -> None:
     whole = np.rint(100 * matrix)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", sparse.SparseEfficiencyWarning)  # so many diagonals
+        warnings.simplefilter("ignore", sparse.SparseEfficiencyWarning)  # scipy warns of many diagonals
         sparse.save_npz(tmp_path / "T.npz", whole.asformat(form))
     with np.load(tmp_path / "T.npz") as written:
         parts = dict(written)
@@ -49,14 +49,14 @@ def test_blocks_and_long_indices_are_read(tmp_path: Path, matrix: sparse.csr_arr
 
 
 def arrays(**changes: object) -> dict[str, object]:
-    """What save_npz writes of a 48x30 matrix of two entries, with changes; None leaves an array out."""
+    """Arrays that save_npz writes for a 48x30 matrix of two entries, with changes; None leaves an array out."""
     rows = {"indptr": np.minimum(np.arange(49, dtype=np.int32), 2), "indices": np.array([3, 4], np.int32)}
     parts = {"format": b"csr", "shape": SHAPE, "data": np.array([0.5, 1], np.float32), **rows}
     return {name: value for name, value in (parts | changes).items() if value is not None}
 
 
 def claiming(descr: str, shape: str, numbers: bytes = b"", *, length: int | None = None, version: int = 1) -> bytes:
-    """An .npy file with any header."""
+    """Returns an .npy file with an arbitrary header."""
     header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n".encode("latin-1")
     size = struct.pack("<H" if version == 1 else "<I", len(header) if length is None else length)
     return b"\x93NUMPY" + bytes([version, 0]) + size + header + numbers
@@ -93,7 +93,7 @@ HOSTILE = {
     "diagonals": (arrays(format=b"dia", data=np.zeros((2, 31)), offsets=np.arange(2)), "2 diagonals of 31 in a matrix"),
     "blocks": (arrays(format=b"bsr", data=np.zeros((2, 5, 7))), "blocks of 5x7 in a matrix of 48x30"),
     "blocks of nothing": (arrays(format=b"bsr", data=np.zeros((2, 0, 0))), "blocks of 0x0 in a matrix of 48x30"),
-    # Of a few hundred bytes each, they would take gigabytes, or end Python's parser.
+    # Each archive has a few hundred bytes, and would need gigabytes or crash Python's parser.
     "claims": (arrays(data=claiming("'<f4'", "(1000000000,)")), "'data' claims 4000000000 bytes, which are not what"),
     "claims 1e23": (arrays(data=claiming("'<f4'", "(99999999999999999999999,)")), "bytes, which are not what follows"),
     "a shape of floats": (arrays(data=claiming("'<f4'", "(1e23,)")), "a header that is not numpy's"),
@@ -116,7 +116,7 @@ HOSTILE = {
 
 
 def write(path: Path, parts: dict[str, object], kind: int = zipfile.ZIP_DEFLATED) -> None:
-    """An archive of arrays; bytes longer than a format's name are a member as it is."""
+    """Write an archive of arrays; bytes that are an .npy file, or named `data`, are stored unchanged."""
     with zipfile.ZipFile(path, "w", kind) as archive:
         for name, value in parts.items():
             if isinstance(value, bytes) and (value.startswith(b"\x93") or name == "data"):
@@ -143,7 +143,7 @@ def test_what_the_hostile_archives_were_made_from_is_a_matrix(tmp_path: Path) ->
 
 
 def test_a_small_file_of_another_shape_asks_for_nothing(tmp_path: Path) -> None:
-    """945 bytes as `coo`, whose conversion to rows would take 4 GiB; a dense array in their place likewise."""
+    """A `coo` file of 945 bytes, whose conversion to rows would take 4 GiB, is refused; so is a dense array."""
     shape = (500_000_000, 2)
     sparse.save_npz(tmp_path / "T.npz", sparse.coo_array(([1.0], ([3], [1])), shape=shape))
     with pytest.raises(InputError, match="500000000x2 entries, expected 48"), little_memory():
@@ -154,7 +154,7 @@ def test_a_small_file_of_another_shape_asks_for_nothing(tmp_path: Path) -> None:
 
 
 def directory(change: Callable[[bytearray, int], None]) -> Callable[[Path], None]:
-    """Change what the zip file's directory says of its member `data`."""
+    """Returns a function that changes the zip directory's entry of `data`."""
 
     def damage(path: Path) -> None:
         content = bytearray(path.read_bytes())
@@ -178,7 +178,7 @@ def end_record(offset: int, form: str, value: int) -> Callable[[Path], None]:
 
 
 def holes(path: Path) -> None:
-    """A terabyte, nearly all of it a directory that is not there."""
+    """Grow the file to a terabyte whose directory claims to fill nearly all of it."""
     content = path.read_bytes()
     end = content.rindex(b"PK\x05\x06")
     with path.open("r+b") as file:
@@ -189,7 +189,7 @@ def holes(path: Path) -> None:
 
 def twice(path: Path) -> None:
     with warnings.catch_warnings(), zipfile.ZipFile(path, "a") as archive:
-        warnings.simplefilter("ignore")  # that is what it warns of
+        warnings.simplefilter("ignore")  # the second copy is what it warns of
         archive.writestr("data.npy", claiming("'<f4'", "(2,)", bytes(8)))
 
 
@@ -218,7 +218,7 @@ def test_archives_whose_directory_lies(tmp_path: Path, damage: Callable[[Path], 
 
 
 def test_a_bomb_is_held_against_the_memory_that_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """256 KiB that unpack to 256 MiB, as they claim: more than a machine of 100 MiB has."""
+    """A file of 256 KiB that unpacks to 256 MiB, as its header claims, is refused on a machine with 100 MiB."""
     with zipfile.ZipFile(tmp_path / "T.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("data.npy", claiming("'<f4'", f"({64 << 20},)", bytes(256 << 20)))
     assert (tmp_path / "T.npz").stat().st_size < 300_000

@@ -1,6 +1,6 @@
-"""Sound in step with the picture: a real clip and its two decoders; the output is a stand-in that consumes by a clock.
+"""Sound in step with the picture: a real clip and its two decoders; the output is a fake that follows a clock.
 
-The sound says where it comes from: sample n of the medium is n / SAMPLES, a ramp over its whole length.
+Samples encode their position: sample n of the medium is n / SAMPLES, a ramp over its whole length.
 """
 
 import sys
@@ -25,7 +25,7 @@ from tests.stage import Clock, Reader, Stage
 SECONDS, FPS = 8, 25
 SAMPLES = SECONDS * RATE
 BLOCK, LATENCY_S = 480, 0.1
-HEARD_S = 2 / RATE  # rounding to samples, here and there
+HEARD_S = 2 / RATE  # rounding to samples, twice
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class ClockedSink:
-    """Asks for a block each BLOCK samples of its own clock, which may run faster than the system's."""
+    """Requests a block per BLOCK samples of its own clock, which may run faster than the system's."""
 
     def __init__(self, clock: Clock, rate: float = 1.0) -> None:
         self._clock, self._began_s, self._rate, self._asked = clock, clock.now, rate, 0
@@ -71,7 +71,7 @@ class ClockedSink:
 
 
 class Show:
-    """A clip, its sound, and a clock that waits for both decoders."""
+    """Clip, its sound, and a clock that waits for both decoders."""
 
     def __init__(self, clip: Path, *, rate: float = 1.0, loop: bool = False) -> None:
         self.clock = Clock()
@@ -102,7 +102,7 @@ class Show:
             self.clock.now += 0.005
 
     def offset_s(self) -> float:
-        """What is heard now, less what media time is now."""
+        """Returns the media time that is heard now, less the present media time."""
         at_s, first, _ = self.sink.heard[-1]
         assert first > 0, "silence"
         now_s = self.playback.media_s
@@ -128,7 +128,7 @@ def test_speed_changes_how_many_samples_there_are(clip: Path, speed: float) -> N
 
 
 def test_pictures_follow_the_sound_even_if_its_clock_runs_fast(clip: Path) -> None:
-    """A sound card 2 % fast: after 4 s the system clock would be 80 ms behind, two frames."""
+    """With a sound card 2 % fast, the system clock would be 80 ms behind after 4 s, which is two frames."""
     show = Show(clip, rate=1.02)
     show.run(4.0)
     assert abs(show.offset_s()) <= 1e-3 + 0.02 * BLOCK / RATE
@@ -167,7 +167,7 @@ def test_speed_keeps_sound_and_picture_together(clip: Path) -> None:
     show.playback.speed = 2.0
     show.settle()
     show.run(1.0)
-    assert abs(show.offset_s()) <= 0.06  # atempo moves windows of up to that length to fit
+    assert abs(show.offset_s()) <= 0.06  # atempo moves windows by up to this much to fit
     assert show.shown[-1][1] == pytest.approx(2.5, abs=0.15)
     show.close()
 
@@ -210,7 +210,7 @@ def test_why_there_is_no_sound_is_told_once(clip: Path, monkeypatch: pytest.Monk
 
 def test_without_a_device_one_line_says_so() -> None:
     output, line = open_audio(100, mute=False)
-    if output is not None:  # a machine that has one
+    if output is not None:  # a machine that has a device
         output.close()
         return
     assert line is not None

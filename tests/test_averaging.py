@@ -1,4 +1,4 @@
-"""How often pictures are captured: what noise does to T is foretold, and averaging brings it to what was aimed at."""
+"""How often pictures are captured: the effect of noise on T is predicted, and averaging reduces it to the aim."""
 
 import io
 import re
@@ -57,7 +57,7 @@ def test_what_noise_does_to_the_transport_is_foretold(
     assert done.averaged
     found = error(run(room_of(truth), scheme, settings).measured.transport, truth)
     assert done.averaged.most == 1
-    # One number for all schemes; multiplexed pictures give two thirds of it, far light goes by the threshold.
+    # One figure serves all schemes; multiplexed pictures give two thirds of it, and far light follows the threshold.
     assert 0.5 * found < done.averaged.once < 2.0 * found
 
 
@@ -67,7 +67,7 @@ def test_averaging_brings_the_transports_error_to_what_was_aimed_at(rng: np.rand
     done = averaged(truth, DIM, HierarchicalScheme())
     assert done.averaged
     assert error(once.measured.transport, truth) > 0.02
-    assert error(done.measured.transport, truth) < 0.0057  # 0.005 aimed at
+    assert error(done.measured.transport, truth) < 0.0057  # the aim is 0.005
     assert done.averaged.error <= 0.005
     assert done.exposures - done.pictures == done.averaged.added
 
@@ -91,7 +91,7 @@ def finest(pictures: int) -> Level:
 
 def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
     aim = Aim(error=0.01)
-    averaging = Averaging(aim, 0.05, paced(1.0), until_s=251.0)  # 25 times for the aim; one second is over
+    averaging = Averaging(aim, 0.05, paced(1.0), until_s=251.0)  # 25 times for the aim; one second remains
     assert averaging.chosen(finest(10)) == 25
     assert Averaging(aim, 0.05, paced(1.0), 250.9).chosen(finest(10)) == 24
     assert Averaging(aim, 0.05, paced(1.0), 5.0).chosen(finest(10)) == 1
@@ -99,7 +99,8 @@ def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), share=0.0)) == 1
     later = (Expected(10, share=1.0), Expected(5))  # 20 n + 5 seconds
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), later=later)) == 12
-    assert Averaging(aim, 0.05, paced(1e-6), 251.0).chosen(finest(100)) == 17  # as a camera of 7 exposures per second
+    # limited to the pace of a camera with 7 exposures per second
+    assert Averaging(aim, 0.05, paced(1e-6), 251.0).chosen(finest(100)) == 17
     assert averaging.take(finest(10), 11) == "finest: 10 pictures, captured 11 times each"
     assert (averaging.done.most, averaging.done.added, averaging.done.wanted) == (11, 100, 25)
     assert "25 times were wanted" in str(averaging.done)
@@ -107,7 +108,7 @@ def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
 
 @pytest.mark.parametrize(("pictures", "times"), [(10, 25), (20, 16), (100, 3), (5, 46), (1, MOST_REPEATS)])
 def test_the_length_is_kept_if_levels_have_other_numbers_of_pictures(pictures: int, times: int) -> None:
-    """Settled: 1 + 60 + 25 · 10 seconds, which may become 295 to 389."""
+    """The plan is 1 + 60 + 25 · 10 seconds; the acquisition may take 295 to 389."""
     pace = paced(1.0)
     averaging = Averaging(Aim(error=0.01), 0.05, pace, until_s=1e6)
     assert averaging.chosen(Level("first", [np.zeros((2, 2), np.bool_)] * 60, (Expected(10, share=1.0),))) == 1
@@ -123,7 +124,7 @@ def test_captures_once_stay_captures_once_whatever_was_settled() -> None:
 
 
 class PacedCamera(SimulatedCamera):
-    """Takes a seventh of a second for each capture, by its own clock."""
+    """Camera that takes a seventh of a second per capture, by its own clock."""
 
     now_s = 0.0
 
@@ -133,7 +134,7 @@ class PacedCamera(SimulatedCamera):
 
 
 class TimedLines(io.StringIO):
-    """Lines, each with the time at which it was printed."""
+    """Printed lines, each with its time."""
 
     def __init__(self, camera: PacedCamera) -> None:
         super().__init__()
@@ -162,7 +163,7 @@ def test_the_time_left_is_foretold_from_the_first_minute_on(
     with redirect_stderr(said):
         store = MemoryStore(camera.exposures, averaged=True)
         (done,) = acquire(camera, store, scheme, room.projectors, clock=lambda: camera.now_s)
-    computing = computing_s(truth.shape[0])  # takes no time by that clock
+    computing = computing_s(truth.shape[0])  # takes no time by the camera's clock
     whole_s = camera.now_s + computing
     assert whole_s <= 600 - CHECKS_S
     told = [(at, seconds_left(line)) for at, line in said.lines if "left" in line or "acquisition" in line]
@@ -173,7 +174,7 @@ def test_the_time_left_is_foretold_from_the_first_minute_on(
     assert most
     assert about
     assert (most[1], about[1]) == ("up to about", "about")
-    assert done.exposures <= 1.05 * int(most[2])  # a capture more of each of the finest pictures would be too many
+    assert done.exposures <= 1.05 * int(most[2])  # one more capture of each of the finest pictures would be too many
 
 
 def seconds_left(line: str) -> float:
@@ -188,7 +189,7 @@ def test_durations_in_words() -> None:
 
 
 def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Generator) -> None:
-    """Without noise of light, what noise of the dark does is its size by the number of entries: closed form."""
+    """With dark noise only, its effect depends on the size of T and the number of entries: closed form."""
     camera, projector = (20, 30), (40, 50)
     entries, value, dark = 5, 0.2, 1e-3
     T = np.zeros((camera[0] * camera[1], projector[0] * projector[1]))
@@ -199,7 +200,7 @@ def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Genera
     room = Reference(black, floodlight, Noise(np.full(3, dark), np.zeros(3)), np.zeros(camera, np.bool_), 16)
     seen = np.repeat((T @ random_pixels(projector).ravel()).reshape(*camera, 1), 3, axis=2)
     exact = dark / value  # √(n · 5 · dark²) / √(n · 5 · value²)
-    # √0.9 for what the levels share; 600 camera pixels tell ‖T‖² to 6 %.
+    # √0.9 is the noise left after levels are combined (AGREEMENT); 600 camera pixels give ‖T‖² to 6 %.
     assert error_by_noise(room, seen) == pytest.approx(0.949 * exact, rel=0.08)
 
 
@@ -208,12 +209,12 @@ def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Genera
 
 def test_what_was_chosen_stays_chosen(tmp_path: Path) -> None:
     session = {"camera": "test", "repeats": list[int]()}
-    for later in (3, 9):  # another run, which has more time
+    for later in (3, 9):  # another run, with more time
         with open_store(tmp_path / "captures", dict(session), Exposures(), Wanted(tmp_path / "room")) as store:
             assert store.averaged
             assert [store.repeats(level, partial(int, later)) for level in (0, 1)] == [3, 3]
     with open_store(tmp_path / "captures", {"camera": "test"}, Exposures(), Wanted(tmp_path / "room")) as store:
-        assert store.averaged  # by another option, but begun so
+        assert store.averaged  # the option differs, but the session began this way
     path = tmp_path / "captures" / "session.toml"
     path.write_text(path.read_text().replace("3,", "-3,", 1))
     with (
@@ -251,7 +252,7 @@ def test_options_that_contradict_are_refused(
 class CountingEye(SimulatedEye):
     def __init__(self, projector: Shape, settings: CameraSettings, truth: Transport) -> None:
         super().__init__(room_of(truth, projector=projector), settings, MemoryScreen(projector))
-        self.waited = -1  # a frame skips to itself
+        self.waited = -1  # a frame skips up to itself
 
     def skip(self) -> None:
         super().skip()
@@ -267,18 +268,18 @@ def test_captures_of_a_picture_that_stands_follow_each_other_without_a_wait(rng:
         before = eye.waited
         camera.capture(number, picture)
         waits.append(eye.waited - before - 1)
-    camera.show(black)  # somebody else, as the checks do
+    camera.show(black)  # another user of the camera, as the checks are
     camera.capture(4, white)
     assert [*waits, eye.waited - before - 1 - (3 + 1)] == [3, 0, 3, 3, 3]
 
 
 @pytest.mark.parametrize("electrons", [20000.0, 5000.0])
 def test_judged_by_the_rigs_own_transport(electrons: float) -> None:
-    """T as somebody else has made it, whose channels are not all as noisy."""
+    """T of the independent rig, whose channels differ in noise."""
     rig = noisy_rig(small_room("wall"), electrons)
     once, chosen = (
         error_of(acquired(rig, HierarchicalScheme(), averaged=averaged).measured.transport, rig)
         for averaged in (False, True)
     )
     assert once > 0.009 * (20000 / electrons) ** 0.5
-    assert chosen < 0.0055  # 0.005 aimed at
+    assert chosen < 0.0055  # the aim is 0.005

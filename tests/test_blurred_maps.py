@@ -1,4 +1,4 @@
-"""Rooms with blurred light built and played: against numpy's dense T, and by whole commands."""
+"""Builds and plays rooms with blurred light: against numpy's dense T, and by whole commands."""
 
 import shutil
 import tomllib
@@ -33,7 +33,7 @@ from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
 from tests.programs import fail, succeed
 
 RADIUS = 6.0
-FLOAT32 = 1e-5  # of full drive or of white: sums of some hundred float32 terms, step by step
+FLOAT32 = 1e-5  # of full drive or of white: sums of a few hundred float32 terms per step
 
 
 def built(rng: np.random.Generator, *, far: bool) -> tuple[Transport, BuiltRoom]:
@@ -64,7 +64,7 @@ def test_its_maps_multiply_as_the_dense_transport(rng: np.random.Generator, far:
 def test_blocks_that_many_pixels_see_are_gathered_in_parts(
     rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As by a narrow texture; read from a folder, and multiplied as the dense transport."""
+    """A narrow texture forces parts; maps read from the folder still multiply like the dense transport."""
     T = in_blocks(discs(rng, RADIUS))
     write_room(tmp_path / "room", T)
     monkeypatch.setattr(refinement_maps, "MAX_TEXTURE_WIDTH", 20)
@@ -149,7 +149,7 @@ def test_maps_of_which_a_part_is_gone_are_refused(room: Path, tmp_path: Path) ->
 
 
 def test_damaged_blurred_light_is_read_or_refused(room: Path, tmp_path: Path) -> None:
-    """Sixty mutants of the file with renewed checksums, and what no mutant is sure to be."""
+    """Sixty mutants of the file with renewed checksums are read or refused; so is damage that mutants may miss."""
     shutil.copytree(room, tmp_path / "room", ignore=shutil.ignore_patterns("correction"))
     damaged, name = DamagedRoom.of(tmp_path / "room"), "blurred_light.npz"
     found = set()
@@ -157,7 +157,7 @@ def test_damaged_blurred_light_is_read_or_refused(room: Path, tmp_path: Path) ->
         content = mutant(damaged.files[name], name, np.random.default_rng([20061122, i]))
         damaged.put(name, content)
         found.add(outcome(lambda: read_transport(calibration.read(damaged.folder))))
-    assert found == {READ, REFUSED}  # else they are too mild, or too harsh, to find anything
+    assert found == {READ, REFUSED}  # otherwise the mutants are too mild or too harsh
     with np.load(room / name) as stored:
         parts = dict(stored)
     wrong = {"cells": np.array(0)}, {"scatter_red_data": parts["scatter_red_data"] * np.nan}

@@ -1,4 +1,4 @@
-"""Rows of wide blur in cells: what pruning makes of them, and that all that T goes through takes S + B P for T."""
+"""Wide blur in cells: pruning of rows, and every operation on T with S + B P in place of T."""
 
 from dataclasses import replace
 from itertools import product
@@ -46,7 +46,7 @@ from tests.blurred_rooms import (
 from tests.programs import fail
 
 RADIUS = 6.0
-SUMS = 1e-6  # of the largest, float32 weights: sums of some hundred terms
+SUMS = 1e-6  # relative to the largest, float32 weights: sums of a few hundred terms
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_without_a_limit_t_is_what_it_was(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("limit", [0.03, 0.1, 0.2, 0.3, 0.5])
 def test_no_other_blocks_err_less_for_as_many_numbers(limit: float) -> None:
-    """All seventeen ways to put sixteen pixels into blocks, tried one by one."""
+    """Compared with all seventeen ways to divide sixteen pixels into blocks."""
     values = np.random.default_rng(3).uniform(0, 1, (4, 4, 3)) ** 4
     values[0, 1], values[2:, :2] = 0, 0.3
     near, scatter = in_cells(dense_rows(values.reshape(1, 16, 3).transpose(2, 0, 1)), (4, 4), limit)
@@ -119,7 +119,7 @@ def test_no_other_blocks_err_less_for_as_many_numbers(limit: float) -> None:
 
 
 def test_a_row_that_lies_here_and_there_takes_no_more_than_its_entries() -> None:
-    """As through glass: sixteen alike pixels in the first and in the last corner of a large raster."""
+    """A row like those behind glass: sixteen equal pixels in the first and in the last corner of a large raster."""
     T = np.zeros((3, 1, 400, 600))
     T[..., :4, :4], T[..., -8:-4, -8:-4] = 1 / 32, 1 / 32
     near, scatter = in_cells(rows_of(T.reshape(3, 1, -1)), (400, 600), 0.01)
@@ -130,7 +130,7 @@ def test_a_row_that_lies_here_and_there_takes_no_more_than_its_entries() -> None
 def test_blocks_that_the_rasters_edge_cuts_are_no_cells(rng: np.random.Generator) -> None:
     T = np.full((3, 1, 5, 6), 1 / 30)
     near, scatter = in_cells(rows_of(T.reshape(3, 1, -1)), (5, 6), 0.5)
-    assert near.indices.size == 6  # the last line, of which there is no other half
+    assert near.indices.size == 6  # the last row, which has no second half
     assert scatter.indices.size == 1 + 2
 
 
@@ -154,7 +154,7 @@ def test_trust_and_what_is_seen_are_those_of_its_entries(T: Transport) -> None:
 
 
 def test_who_looks_at_t_leaves_it_as_it_is(T: Transport) -> None:
-    narrow = replace(T.near, indptr=T.near.indptr.astype(np.int32))  # as scipy wants it: it would not copy
+    narrow = replace(T.near, indptr=T.near.indptr.astype(np.int32))  # scipy would use these indices without a copy
     T = replace(T, near=narrow)
     before = narrow.indptr.copy(), narrow.indices.copy(), narrow.weights.copy()
     cut_by_edges(T, CAMERA, PROJECTOR)
@@ -229,7 +229,7 @@ def test_solvers_take_it_as_they_take_its_entries(T: Transport) -> None:
 
 
 def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> None:
-    """Judged by the box optima of the whole picture, which the choice never saw."""
+    """The loss is measured by the box optima of the whole picture, which the choice did not use."""
     full = discs(rng, RADIUS, tinted=False)
     rows, tolerance = rows_of(full), 0.2
     choice = chosen_limit([rows], CAMERA[1], PROJECTOR, tolerance)
@@ -240,7 +240,7 @@ def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> N
     white = np.percentile(T.composition(), 10)
     b = white * np.repeat(np.random.default_rng(7).choice([0.1, 0.9], (T.shape[0], 1)), 3, axis=1)
     errors = [np.sum((T.apply(Box(each).run(b)[0]) - b) ** 2) for each in (made, T)]
-    # Another picture than the choice's two, of noise, which blur hardly lets through: it loses less.
+    # This picture is noise, unlike the two of the choice. Blur removes most noise, so the loss is smaller.
     assert 10 * np.log10(errors[0] / errors[1]) < tolerance
 
 
@@ -261,15 +261,16 @@ def test_what_cannot_be_cut_says_so(T: Transport, tmp_path: Path) -> None:
 
 @pytest.fixture
 def wide() -> Scene:
-    """Two planes through a lens six times as wide: discs of up to five pixels' radius."""
+    """Two planes through a lens six times as wide: discs with a radius of up to five pixels."""
     scene = load_scene(parse_scene("two_planes")).resized((54, 96), (54, 96))
     return replace(scene, projector=replace(scene.projector, aperture=6 * scene.projector.aperture))
 
 
 def test_the_simulator_puts_long_rows_in_cells(wide: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulation, "BAND_RAYS", 96 * 16 * 10)  # bands of ten lines: some before the choice, some after
+    # bands of ten rows: some before the choice, some after it
+    monkeypatch.setattr(simulation, "BAND_RAYS", 96 * 16 * 10)
     full = simulate(wide)
-    assert full.transport.blurred is None  # few enough to be played as they are
+    assert full.transport.blurred is None  # few enough entries to play as they are
     assert full.blurring is None
     monkeypatch.setattr(blurring, "MANY", 1000)
     monkeypatch.setattr(blurring, "LONG", 2)
@@ -289,9 +290,9 @@ GAUSSIAN_CAMERA, GAUSSIAN_PROJECTOR = (24, 29), (22, 26)
 
 
 def gaussian_room(rng: np.random.Generator) -> NDArray[np.float64]:
-    """T, (camera pixels, projector pixels), of one channel: Gaussians that widen to the right, painted, measured.
+    """T of one channel, (camera pixels, projector pixels): painted Gaussians that widen to the right, with noise.
 
-    σ from 2 to 4 projector pixels, cut at 3 σ; a measurement's noise of a hundredth of each entry.
+    σ is 2 to 4 projector pixels, cut at 3 σ. The noise is a hundredth of each entry.
     """
     (H, W), (h, w) = GAUSSIAN_CAMERA, GAUSSIAN_PROJECTOR
     y, x = np.mgrid[:H, :W].reshape(2, -1, 1)
@@ -303,7 +304,7 @@ def gaussian_room(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def best_error(T: NDArray[np.float64], by: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Σ (T p − b)², p the best drive in 0..1 by another T: projected gradients with Nesterov's momentum, in numpy."""
+    """Returns Σ (T p − b)² of the best drive p in 0..1 for `by` (projected gradients, Nesterov's momentum)."""
     curvature = np.linalg.norm(by, 1) * np.linalg.norm(by, np.inf)
     p = before = np.full(by.shape[1], 0.5)
     for step in range(300):
@@ -315,7 +316,7 @@ def best_error(T: NDArray[np.float64], by: NDArray[np.float64], b: NDArray[np.fl
 def test_an_imported_blur_is_put_into_blocks_that_keep_the_tolerance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], rng: np.random.Generator
 ) -> None:
-    """A T of another hand, judged by pictures and a solver of another hand."""
+    """T, pictures and solver are independent of the product."""
     monkeypatch.setattr(blurring, "MANY", 1000)
     tolerance, full = 0.1, gaussian_room(rng).astype(np.float32).astype(np.float64)
     sparse.save_npz(tmp_path / "T.npz", sparse.csr_array(full.astype(np.float32)))
@@ -335,7 +336,7 @@ def test_an_imported_blur_is_put_into_blocks_that_keep_the_tolerance(
     waves = 0.5 + 0.2 * np.sin(x / 3) + 0.2 * np.cos(y / 4)
     for picture in (waves, (x + y) % 16 < 8, np.hypot(x - 15, y - 11) < 6):
         b = white * np.clip(picture, 0.05, 0.95).ravel()
-        floor = 1e-6 * white**2 * b.size  # 60 dB below white counts as none
+        floor = 1e-6 * white**2 * b.size  # 60 dB below white counts as no error
         lost = 10 * np.log10((best_error(full, found, b) + floor) / (best_error(full, full, b) + floor))
         assert lost < tolerance
 
@@ -343,11 +344,11 @@ def test_an_imported_blur_is_put_into_blocks_that_keep_the_tolerance(
 def test_what_is_not_worth_blocks_stays(T: Transport, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     short = Transport(rows_of(discs(rng, RADIUS)), camera=CAMERA, projector=PROJECTOR)
-    assert blurring.in_blocks(short, 0.1) == (short, None)  # maps hold it as it is
+    assert blurring.in_blocks(short, 0.1) == (short, None)  # maps can hold T as it is
     monkeypatch.setattr(blurring, "MANY", 1000)
     monkeypatch.setattr(blurring, "LONG", 1)
     assert blurring.in_blocks(short, 0.0) == (short, None)
-    assert blurring.in_blocks(T, 0.1) == (T, None)  # is in blocks
+    assert blurring.in_blocks(T, 0.1) == (T, None)  # already in blocks
     sharp = Transport(rows_of(discs(rng, 0.7)), camera=CAMERA, projector=PROJECTOR)
     assert blurring.in_blocks(sharp, 1e-9) == (sharp, None)
     monkeypatch.setattr(blurring, "BAND", 5000)
@@ -359,7 +360,7 @@ def test_what_is_not_worth_blocks_stays(T: Transport, monkeypatch: pytest.Monkey
 
 
 def in_blocks_at_once(short: Transport, done: Blurring) -> Transport:
-    """The same T, all rows in one piece, by the limit whose losses were stated."""
+    """Compress all rows of T at once, with the limit whose losses were reported."""
     choice = chosen_limit([short.near], CAMERA[1], PROJECTOR, 0.2)
     assert choice.losses == done.losses
     near, scatter = in_cells(short.near, PROJECTOR, choice.limit)

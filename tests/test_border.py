@@ -1,6 +1,6 @@
-"""Trust has a border: what a list or a remote may name, and that FFmpeg opens nothing that a medium names in turn.
+"""Limits of trust: the media that a list or a remote may name, and FFmpeg opening no media named inside a medium.
 
-docs/security.md lists what is held to here; canaries are files and a port that must not be touched.
+docs/security.md lists these promises. Canaries are files and a port that nothing may touch.
 """
 
 import os
@@ -42,7 +42,7 @@ def bird() -> Iterator[Canary]:
 
 @pytest.fixture
 def media(tmp_path: Path) -> Path:
-    """A folder with a clip, beside another with a secret one."""
+    """Create a folder with a clip, next to a folder with a secret clip."""
     for folder in ("media", "outside"):
         (tmp_path / folder).mkdir()
         write_video(tmp_path / folder / "clip.mkv", [numbered(n) for n in range(5)])
@@ -67,7 +67,7 @@ def test_a_name_reaches_as_far_as_who_says_it(media: Path) -> None:
     )
     assert border.roots == (str(media),)
     assert border.medium("a.mkv") == Medium("a.mkv", (str(media),))
-    assert border.medium("udp://127.0.0.1:9") == Medium("udp://127.0.0.1:9")  # the command line has named it
+    assert border.medium("udp://127.0.0.1:9") == Medium("udp://127.0.0.1:9")  # named on the command line
     for name in ("udp://127.0.0.1:8", "rtsp://host/x", "lavfi:testsrc", "v4l2:/dev/video0", "x11grab::0"):
         medium = border.medium(name)
         assert medium.live() is None
@@ -157,7 +157,7 @@ Write = Callable[[Path, str], object]
 
 
 def write_mlv(path: Path, target: str) -> None:
-    """Magic Lantern's video goes on in files named .M00, .M01 and so on."""
+    """Write a Magic Lantern video, which continues in files named .M00, .M01 and so on."""
     path.write_bytes((b"MLVI" + (52).to_bytes(4, "little") + b"v2.0").ljust(4096, b"\0"))
 
 
@@ -166,7 +166,7 @@ def text(pattern: str) -> Write:
 
 
 def write_reference_movie(path: Path, target: str) -> None:
-    """A QuickTime film whose pictures are in another file, as its data reference (dref) says by an alias."""
+    """Write a QuickTime film whose pictures are in another file, named by an alias in its data reference (dref)."""
     write_video(path, [numbered(n) for n in range(3)], codec="libx264")
     data, name, whole = bytearray(path.read_bytes()), target.encode(), f"/x/{target}".encode()
     volume = bytes(4 + 10 + 1 + 27 + 12)
@@ -197,7 +197,7 @@ IN_DISGUISE: dict[str, tuple[str, Write, str]] = {
 @pytest.mark.parametrize("trusted", [False, True])
 @pytest.mark.parametrize("kind", IN_DISGUISE)
 def test_a_film_that_is_a_list_opens_nothing(kind: str, trusted: bool, media: Path, bird: Canary) -> None:
-    """Neither for its pictures nor for its sound, whoever has named it."""
+    """Neither pictures nor sound open another file, even if a trusted source names the film."""
     name, write, target = IN_DISGUISE[kind]
     for path in (media / "clip.mkv", media / "clip.sub", media / "clip.M00", media / "clip.u"):
         path.write_bytes((media / "clip.mkv").read_bytes())
@@ -212,7 +212,7 @@ def test_a_film_that_is_a_list_opens_nothing(kind: str, trusted: bool, media: Pa
 
 
 def test_the_canary_sings(media: Path, bird: Canary) -> None:
-    """The same list without our care: FFmpeg opens what it names."""
+    """Without the product's protection, FFmpeg opens the files in the list, and the canary reports them."""
     (media / "list.mp4").write_text(FFCONCAT.format("clip.mkv"))
     bird.watch(media / "clip.mkv")
     with av.open(f"file:{media / 'list.mp4'}", options={"protocol_whitelist": "file"}) as container:
@@ -227,7 +227,7 @@ def test_the_canary_sings(media: Path, bird: Canary) -> None:
 
 
 def test_a_peer_cannot_send_the_player_elsewhere(bird: Canary) -> None:
-    """A stream that the command line has named answers with a list of other addresses."""
+    """A stream named on the command line answers with a list of other addresses; the player opens none of them."""
     playlist = HLS.format(f"tcp://127.0.0.1:{bird.port}").encode()
     with socket.create_server(("127.0.0.1", 0)) as server:
 
@@ -279,7 +279,7 @@ def test_numbered_pictures_stay_inside_too(media: Path, bird: Canary) -> None:
 
 
 def test_only_what_was_looked_at_is_opened_of_numbered_pictures(media: Path, bird: Canary) -> None:
-    """7 may be written 07, which FFmpeg does not open: it opens 7."""
+    """The product may find picture 7 as 07, but FFmpeg opens 7, so the check must follow the link 7.png."""
     for folder, name in (("media", "07.png"), ("media", "007.png"), ("outside", "7.png")):
         cv2.imwrite(str(media.parent / folder / name), np.full((8, 9, 3), 7, np.uint8))
     (media / "7.png").symlink_to(bird.watch(media.parent / "outside" / "7.png"))
@@ -297,7 +297,7 @@ def test_a_sequence_beyond_the_border_is_not_even_counted(media: Path, bird: Can
     assert files_of(limited(pattern, media)) == []
     assert bird.touched() == set()
     assert len(files_of(Medium(str(pattern)))) == 2
-    assert bird.touched() == {"outside"}  # the canary sings
+    assert bird.touched() == {"outside"}  # the canary works
 
 
 @pytest.mark.parametrize("name", ["a%03d.png", "a?.png", "a{1}.png", "a*.png", "a:b.png"])
@@ -330,7 +330,7 @@ def test_options_draw_the_border(media: Path, tmp_path: Path) -> None:
 
 
 def test_folders_that_a_list_may_not_name_are_not_listed(media: Path, bird: Canary) -> None:
-    """Not even to see whether an output is among the files that are played."""
+    """The check whether an output is among the played files lists no such folder either."""
     (media / "list.m3u").write_text("../outside/%d.mkv\n../outside/clip.mkv\nclip.mkv\n")
     bird.watch(media.parent / "outside")
     options = read_options(["room", str(media / "list.m3u"), "--no-config"], "")
@@ -339,7 +339,7 @@ def test_folders_that_a_list_may_not_name_are_not_listed(media: Path, bird: Cana
 
 
 def test_every_opening_of_the_player_goes_through_one_door() -> None:
-    """`av.open` for reading is called in one place, which sets both of FFmpeg's white lists; no tool calls it."""
+    """Only one place calls `av.open` for reading, and sets both of FFmpeg's white lists; no tool calls it."""
     calls = {
         path.relative_to(ROOT).as_posix(): re.findall(r"\bav\.open\(([^)]*)\)", path.read_text())
         for folder in ("player", "tools")

@@ -1,4 +1,4 @@
-"""Rooms whose files are hostile: values that no room has, one at a time and by the hundred; what is there stays."""
+"""Hostile room files: impossible values, one at a time and by the hundred; existing files stay unchanged."""
 
 import os
 import re
@@ -42,7 +42,7 @@ WIDE = '{ width = 16384, height = 16384, response = "srgb" }'
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A room with far light, a mixing of each pixel, its maps and a placement."""
+    """Room with far light, a mixing per pixel, maps and a placement."""
     folder = tmp_path_factory.mktemp("built") / "room"
     write_blurred_room(folder, np.random.default_rng(1), CAMERA, PROJECTOR, CELLS, MIXING)
     build_room_maps(calibration.read(folder), InverseOptions(), colour="pixel")
@@ -95,7 +95,7 @@ def test_a_value_that_no_room_has(room: DamagedRoom, name: str, old: str, new: s
 
 
 def with_numbers(room: DamagedRoom, name: str, change: Callable[[Path], object]) -> None:
-    """Change a file, and renew the checksums."""
+    """Change a file and renew the checksums."""
     change(room.folder / name)
     room.put(name, (room.folder / name).read_bytes())
 
@@ -122,7 +122,7 @@ def test_noise_below_zero_is_ambient_light(room: DamagedRoom) -> None:
 
 
 def arrays(**changes: object) -> Callable[[Path], object]:
-    """Change arrays of an archive; a function makes one of what is there."""
+    """Returns a function that changes arrays of an archive; a callable value computes the array from the old array."""
 
     def change(path: Path) -> None:
         with np.load(path) as stored:
@@ -201,7 +201,7 @@ def test_commands_say_so_in_one_line(
 
 
 def test_far_light_that_cannot_be_undone() -> None:
-    """1 + M D S⁺ U = 1 − 1: whatever is shown, as much comes back."""
+    """Far light with 1 + M D S⁺ U = 1 − 1: as much light returns as is shown."""
     one = sparse.csr_array([[1.0]])
     for mix, complaint in ((-1.0, "singular"), (1e300, "times it")):
         scatter = sparse.csr_array([[1e-300 if mix > 0 else 1.0]])
@@ -228,7 +228,7 @@ def write_room_in_unit(folder: Path, unit: float) -> None:
 
 
 def test_light_in_no_unit_is_refused(tmp_path: Path) -> None:
-    """Too bright, it is not written; so dark that white is next to nothing, no map is built."""
+    """Too bright a room is not written; no map is built for a room so dark that white is almost 0."""
     with pytest.raises(InputError, match=r"transport of the red channel: an entry of 1e\+13, expected at most 1e\+12"):
         write_room_in_unit(tmp_path / "bright", 1e13)
     write_room_in_unit(tmp_path / "dark", 1e-14)
@@ -239,7 +239,7 @@ def test_light_in_no_unit_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_map_outside_the_room_is_not_opened(room: DamagedRoom, tmp_path: Path) -> None:
-    """A manifest's maps have names of ours; with others it may list what it likes."""
+    """The product names a manifest's maps; maps with other names are ignored."""
     os.mkfifo(tmp_path / "lookup.exr")
     manifest = read_toml(room.folder / MANIFEST_NAME, "")
     for name in (str(tmp_path), "../..", "dual/../../.."):
@@ -254,7 +254,7 @@ def test_a_map_outside_the_room_is_not_opened(room: DamagedRoom, tmp_path: Path)
 
 
 def test_maps_that_do_not_fit_are_refused_by_the_manifest(room: DamagedRoom) -> None:
-    """Before their files are opened: a map of 16384x16384 pixels would take gigabytes."""
+    """Refused before their files are opened: a map of 16384x16384 pixels would need gigabytes."""
     for name, key in (("transport", "output"), ("far_gather", "output"), ("dual_scatter", "source"), (".", "output")):
         manifest = read_toml(room.folder / MANIFEST_NAME, "")
         manifest["maps"][name][key] = [16384, 16384]
@@ -265,7 +265,7 @@ def test_maps_that_do_not_fit_are_refused_by_the_manifest(room: DamagedRoom) -> 
 
 
 def test_rows_that_share_texels_are_refused(room: DamagedRoom) -> None:
-    """Each row may be where it is; of all together, unpacked, there would be no end."""
+    """Each row has a valid place, but unpacking all rows would need unlimited memory."""
 
     def change(path: Path) -> None:
         channels = exr.read_channels(path)
@@ -279,7 +279,7 @@ def test_rows_that_share_texels_are_refused(room: DamagedRoom) -> None:
 
 @pytest.mark.parametrize("name", ["calibration.toml", "ambient.exr", "mask.png", "transport_red.npz", "far_light.npz"])
 def test_what_may_not_be_read_need_not_be_made_again(built: Path, name: str) -> None:
-    with tempfile.TemporaryDirectory() as above:  # which a user without rights may enter, unlike tmp_path
+    with tempfile.TemporaryDirectory() as above:  # a user without rights may enter this folder, unlike tmp_path
         folder = Path(shutil.copytree(built, Path(above) / "room"))
         for path in (Path(above), folder, *folder.rglob("*")):
             path.chmod(0o755)
@@ -302,7 +302,7 @@ def test_what_is_no_file_is_refused_at_once(room: DamagedRoom, name: str) -> Non
 
 @pytest.mark.parametrize("suffix", [".toml", ".npz", ".exr", ".png"])
 def test_a_damaged_room_is_read_or_refused(room: DamagedRoom, suffix: str) -> None:
-    """60 mutants of each kind of file with renewed checksums, 20 without: those that are not TOML are all refused."""
+    """60 mutants per kind of file with renewed checksums, 20 without; the latter are refused unless they are TOML."""
     names = [name for name in room.files if name.endswith(suffix)]
     found = set()
     for i in range(80):
@@ -314,7 +314,7 @@ def test_a_damaged_room_is_read_or_refused(room: DamagedRoom, suffix: str) -> No
         found.add(outcome)
         if not renewed and suffix != ".toml" and content != room.files[name]:
             assert outcome == REFUSED, (i, name)
-    assert found == {READ, REFUSED}  # else they are too mild, or too harsh, to find anything
+    assert found == {READ, REFUSED}  # otherwise the mutants are too mild or too harsh
     room.read()
 
 
@@ -329,4 +329,4 @@ def test_every_other_damaged_file_is_read_or_refused(tmp_path: Path) -> None:
             content = mutant(sample.content, name, np.random.default_rng([number, i]))
             with little_memory():
                 found.append(sample.outcome(tmp_path / name, content))
-    assert 0.05 < found.count(READ) / len(found) < 0.5  # else they are too harsh, or too mild, to find anything
+    assert 0.05 < found.count(READ) / len(found) < 0.5  # otherwise the mutants are too harsh or too mild

@@ -1,4 +1,4 @@
-"""Which inverse a build takes, what it says of that, and how the maps are then played."""
+"""The inverse that a build chooses, the reason that it prints, and how the maps are then played."""
 
 import re
 import tomllib
@@ -52,7 +52,8 @@ def test_windows_that_would_miss_their_tolerance_are_known_before_the_work() -> 
     found = invert(1.5, InverseOptions(damping=1e-3))
     assert found.chosen == "cut"
     assert "of its windows would miss their tolerance" in found.reason
-    assert invert(1.5, InverseOptions(damping=0.3)).chosen == "whole"  # more damping lets them do
+    # with more damping, the windows meet the tolerance
+    assert invert(1.5, InverseOptions(damping=0.3)).chosen == "whole"
 
 
 def test_where_not_even_a_cut_pays_direct_mapping_stays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,7 +88,7 @@ def test_options_that_contradict_each_other(options: dict[str, object], complain
 
 
 def test_the_price_of_windows_is_that_of_the_whole_room() -> None:
-    """Sampled from the rows that the samples touch alone: entries as the build then finds them."""
+    """The price is estimated from the rows that the samples touch, and matches the entries of the whole build."""
     T = blurred_transport(np.random.default_rng(3), CAMERA, PROJECTOR, 0.5)
     truncation = Truncation(np.full((T.shape[0], 3), 0.5), 0.5 / 255)
     found = price_of_windows(T, 0.1, None, np.ones(PROJECTOR, bool), truncation, 0.5 / 255, ())
@@ -95,7 +96,7 @@ def test_the_price_of_windows_is_that_of_the_whole_room() -> None:
         stacked((T,) * 3), np.ones(CAMERA, bool), PROJECTOR, truncation.reach, 0.5, InverseOptions(0.1, inverse="whole")
     )
     assert found.failing == 0
-    # λ is a share of σ₁ there, 1 within a fifth; a few windows stand for all.
+    # λ is relative to σ₁, which is 1 within a fifth here; a few windows represent all.
     entries = (found.needed - bytes_of_windows(T, T.shape[1])) / ENTRY_BYTES
     assert entries == pytest.approx(built.T_pinv.indices.size, rel=0.3)
 
@@ -117,7 +118,7 @@ def test_damping_of_a_large_picture_is_chosen_on_squares(monkeypatch: pytest.Mon
     assert found.damping == whole.damping
     assert found.errors != whole.errors
     for damping, error in found.errors.items():
-        assert error == pytest.approx(whole.errors[damping], rel=0.25)  # a photograph is not alike everywhere
+        assert error == pytest.approx(whole.errors[damping], rel=0.25)  # a photograph differs from place to place
 
 
 def test_the_maps_say_how_they_are_played_and_options_prevail(tmp_path: Path) -> None:
@@ -130,7 +131,7 @@ def test_the_maps_say_how_they_are_played_and_options_prevail(tmp_path: Path) ->
     manifest = tmp_path / "room" / "correction" / "manifest.toml"
     advice = tomllib.loads(manifest.read_text())["play"]
     curve = advice["below_optimum_db"][advice["start"]]
-    assert curve == sorted(curve, reverse=True)  # momentum may turn uphill, but not here
+    assert curve == sorted(curve, reverse=True)  # momentum may increase the error, but not here
     room = read_room(tmp_path / "room", None)
     assert (room.start, room.default_steps) == (advice["start"], advice["steps"])
     other = "map" if advice["start"] != "map" else "direct"

@@ -1,4 +1,4 @@
-"""The calibration folder: what is written is read back; what is damaged is refused with the fix."""
+"""The calibration folder: it is read as it was written, and damage is refused with the fix."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -136,7 +136,7 @@ HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "host
 
 @pytest.mark.parametrize("name", ["ambient.exr", "mask.png", "calibration.toml"])
 def test_hostile_files_in_a_calibration_are_refused(folder: Path, name: str) -> None:
-    """Each hostile file in the place of each of the folder's own: the checksum stops it before any decoder sees it."""
+    """Checksums stop hostile files before any decoder opens them, in the place of every file of the folder."""
     for path in [file for file in HOSTILE.rglob("*") if file.is_file()] or [Path(__file__)]:
         (folder / name).write_bytes(path.read_bytes())
         with pytest.raises(InputError, match="make the calibration again"):

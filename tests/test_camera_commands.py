@@ -1,4 +1,4 @@
-"""Several cameras as a user has them: joined, simulated or acquired, built, played; and what has one only says so."""
+"""Commands with several cameras: join, simulate, acquire, build and play; single-camera commands say that they are."""
 
 import re
 from pathlib import Path
@@ -33,7 +33,7 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def built(views: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Both cameras joined: their sizes tell that the projector is the same."""
+    """Join both cameras; their sizes show that the projector is the same."""
     room = tmp_path_factory.mktemp("joint") / "room"
     said = succeed("join", *views, "-o", room)
     assert said.startswith("taken for several cameras of the same projectors\n")
@@ -60,7 +60,7 @@ def below_optimum(text: str, solver: str) -> float:
 
 
 def test_the_player_is_near_the_joint_optimum(built: Path, picture: Path, tmp_path: Path) -> None:
-    """After eight steps from T⁺ within 0.3 dB of the box optimum of all rows, on either backend."""
+    """Eight steps from T⁺ come within 0.3 dB of the box optimum of all rows, with either backend."""
     room, transport = calibration.read(built).calibration, read_transport(calibration.read(built))
     wanted = read_placed(picture, RASTER, room.screen) * 0.45
     solution = cl.solve(cl.read_room(built), wanted / 0.45, white=0.45)
@@ -89,7 +89,7 @@ def _psnr(error: np.ndarray, mask: np.ndarray) -> float:
 
 
 def test_cameras_see_one_picture_below_each_other(built: Path, picture: Path, tmp_path: Path) -> None:
-    """The camera view is the raster: in each part its camera's view, black beside the narrower one."""
+    """The camera view is the raster: one part per camera, and black next to the narrower camera."""
     succeed("play", built, picture, "--white", "0.45", "--view", "camera", "--output", tmp_path / "seen.png")
     seen = cv2.imread(str(tmp_path / "seen.png"))
     assert seen is not None
@@ -99,7 +99,7 @@ def test_cameras_see_one_picture_below_each_other(built: Path, picture: Path, tm
 
 
 def test_corners_place_on_the_screen(built: Path, picture: Path, tmp_path: Path) -> None:
-    """A picture in the screen's right half is seen by the second camera, and hardly by the first."""
+    """The second camera sees a picture in the screen's right half, and the first hardly sees it."""
     (built / "placement.toml").write_text("format = 1\ncorners = [[0.75, 0.2], [1.0, 0.2], [1.0, 0.8], [0.75, 0.8]]\n")
     try:
         succeed("play", built, picture, "--white", "0.45", "--view", "camera", "--output", tmp_path / "right.exr")
@@ -125,7 +125,7 @@ def test_solvers_views_and_python_know_the_screen(built: Path, picture: Path, tm
 
 
 def test_placing_by_hand_is_on_the_screen(built: Path) -> None:
-    """A point of the projector's picture and the camera pixel that it lights point at one place of the screen."""
+    """A point of the projector picture and the camera pixel that it lights give the same place on the screen."""
     room = read_room(built, None)
     in_use = RoomInUse(built, room, lambda: room, lambda fresh: pytest.fail("a renderer was made"))
     screen = room.calibration.screen
@@ -134,7 +134,8 @@ def test_placing_by_hand_is_on_the_screen(built: Path) -> None:
     corners = ((0.3, 0.3), (0.6, 0.3), (0.6, 0.7), (0.3, 0.7))
     seen, lit = (in_use.outline(corners, 0, view) for view in ("camera", "projector"))
     np.testing.assert_allclose(in_use.pointed_at(seen.handles, "camera")[0], corners[0], atol=0.03)  # a camera pixel
-    np.testing.assert_allclose(in_use.pointed_at(lit.handles, "projector")[0], corners[0], atol=0.06)  # a projector's
+    # a projector pixel
+    np.testing.assert_allclose(in_use.pointed_at(lit.handles, "projector")[0], corners[0], atol=0.06)
 
 
 def test_what_cannot_be_joined_as_cameras(views: list[Path], built: Path, tmp_path: Path) -> None:
@@ -164,7 +165,7 @@ def _wider(T: Transport) -> Transport:
 
 
 def test_projectors_and_cameras_are_joined_in_turn(views: list[Path], tmp_path: Path) -> None:
-    """Two projectors (here alike) that each camera saw, then the cameras: k and r in one room."""
+    """Two equal projectors, seen by each camera, are joined first, then the cameras: several of both in one room."""
     pairs = []
     for view in views:
         succeed("join", view, view, "-o", tmp_path / f"{view.name} pair")
@@ -195,7 +196,7 @@ def test_options_of_cameras_are_not_for_projectors(views: list[Path], tmp_path: 
 
 
 def test_cameras_photograph_every_pattern_together(views: list[Path], built: Path, tmp_path: Path) -> None:
-    """One acquisition of both is one room on one screen, as the two that were joined."""
+    """A joint acquisition of both cameras gives one room on one screen, like joining two calibrations."""
     cameras = [part for view in views for part in ("--camera", f"simulated:{view}")]
     said = succeed("acquire", *cameras, "--scheme", "graycode", "--seed", "7", "-o", tmp_path / "room")
     assert re.search(r"camera 2: \d+ of its pixels see what is on the screen already; its light times 1\.1", said)
@@ -206,13 +207,13 @@ def test_cameras_photograph_every_pattern_together(views: list[Path], built: Pat
     both = found.mask & expected.mask
     away = (found.screen.positions - expected.screen.positions)[both]
     away -= np.median(away, axis=0)
-    assert np.percentile(np.abs(away), 95) < 1.0  # Gray codes say which pixel, 1.5 of the camera's
+    assert np.percentile(np.abs(away), 95) < 1.0  # Gray codes give the projector pixel, which is 1.5 camera pixels wide
     for line, camera in (("cannot photograph together", "folder:exchange"), ("expected simulated:", "webcam")):
         assert line in fail("acquire", *cameras, "--camera", camera, "-o", tmp_path / "other")
 
 
 def test_scenes_of_several_cameras(tmp_path: Path) -> None:
-    """The shipped one, small: as both cameras of it joined, at the exposures that they have."""
+    """A small version of the shipped scene equals the join of both cameras, with their own exposures."""
     sizes = "--camera", "48x36", "--projector", "32x18"
     assert "2 cameras, raster 48x72" in succeed("simulate", "folded_wall", *sizes, "-o", tmp_path / "room")
     room = cl.simulate("folded_wall", camera=(36, 48), projector=(18, 32))

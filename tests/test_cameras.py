@@ -1,4 +1,4 @@
-"""Several cameras: their rows below each other, the screen that they share, their light, what each pixel counts for."""
+"""Several cameras: their rows in one raster, the screen that they share, their light, and the weight of each pixel."""
 
 import re
 from dataclasses import replace
@@ -60,12 +60,15 @@ def screen_of(found: SharedRoom) -> Screen:
 
 @pytest.fixture(scope="module")
 def flat() -> list[RoomSeen]:
-    """Two cameras of a flat wall, neither of which sees all that the projector lights."""
+    """Two cameras of a flat wall, each of which sees only part of the lit area."""
     return [room_seen(FIRST, homography(LEFT), "first"), room_seen(SECOND, homography(RIGHT), "second")]
 
 
 def away(found: Screen, camera: int, expected: np.ndarray) -> np.ndarray:
-    """How far a camera's pixels look from where they should; the first one's view is the screen but for an offset."""
+    """Distance between a camera's positions on the screen and the expected positions, in pixels.
+
+    The first camera's view is the screen, up to an offset.
+    """
     own = np.moveaxis(np.mgrid[: FIRST[0], : FIRST[1]][::-1], 0, -1) + 0.5
     shift = (found.positions[found.parts[0]] - own).reshape(-1, 2)
     np.testing.assert_allclose(shift - shift[0], 0, atol=1e-4)  # float32 of up to a hundred pixels
@@ -73,7 +76,7 @@ def away(found: Screen, camera: int, expected: np.ndarray) -> np.ndarray:
 
 
 def test_rows_stand_below_each_other(flat: list[RoomSeen], rng: np.random.Generator) -> None:
-    """Thesis eq. 4.7 with r cameras, one narrower, one of them with far light and one without."""
+    """Thesis eq. 4.7 with two cameras of different width, one with far light."""
     cells = 3
     gather, scatter = rng.uniform(size=(cells, flat[0][1].shape[1])), rng.uniform(size=(flat[0][1].shape[0], cells))
     far = FarLight(
@@ -99,19 +102,19 @@ def test_rows_stand_below_each_other(flat: list[RoomSeen], rng: np.random.Genera
 
 
 def test_a_flat_wall_is_one_screen_also_where_only_one_camera_sees_it(flat: list[RoomSeen]) -> None:
-    """Maps between pictures of a plane are projective, and the screen goes on with that."""
+    """Maps between pictures of a plane are projective, and the screen continues the map beyond the overlap."""
     found, expected = shared(*flat), position_in_first(SECOND, RIGHT)
     error, counts = away(screen_of(found), 1, expected), flat[1][0].mask
     overlap, beyond = counts & (expected[..., 0] < FIRST[1] - 3), counts & (expected[..., 0] > FIRST[1])
     assert min(overlap.sum(), beyond.sum()) > 200
-    # Middles of footprints are off by hundredths of a pixel; a map of 8 numbers of 441 such, continued by half a view.
+    # Centres of footprints err by hundredths of a pixel; 441 of them fit a map of 8 numbers, extended by half a view.
     assert np.percentile(error[overlap], 99) < 0.1
     assert error[beyond].max() < 0.3
     assert found.placed[1].tied > 300
 
 
 def test_a_fold_is_followed(flat: list[RoomSeen]) -> None:
-    """The wall turns away where both look: what is smooth on either side of it keeps its kink."""
+    """The wall turns away where both cameras look: the smooth map keeps the kink."""
     bent = [room_seen(FIRST, folded(LEFT)), room_seen(SECOND, folded(RIGHT))]
     expected = position_in_first(SECOND, RIGHT)  # both cameras see the fold's line at the same projector pixels
     error = away(screen_of(shared(*bent)), 1, expected)
@@ -129,11 +132,11 @@ def test_reflections_do_not_move_the_screen(flat: list[RoomSeen], rng: np.random
     overlap = second.mask & (expected[..., 0] < FIRST[1] - 3)
     assert (
         np.percentile(away(screen_of(found), 1, expected)[overlap], 99) < 0.3
-    )  # of wrong ones, 14 pixels off on average
+    )  # the wrong pixels are off by 14 pixels on average
 
 
 def test_the_screen_of_a_projector_needs_no_overlap() -> None:
-    """Two cameras that see nothing in common look at one projector's picture."""
+    """Two cameras with no common projector pixels share the projector picture as their screen."""
     apart = LEFT.copy(), RIGHT.copy()
     apart[0][0, 2], apart[1][0, 2] = -10, 30
     rooms = [room_seen(FIRST, homography(apart[0])), room_seen(SECOND, homography(apart[1]))]
@@ -144,7 +147,7 @@ def test_the_screen_of_a_projector_needs_no_overlap() -> None:
     for (room, _), part, H in zip(rooms, screen.parts, apart, strict=True):
         y, x = np.mgrid[: room.camera.height, : room.camera.width].reshape(2, -1) + 0.5
         looks = np.stack(homography(H)(x, y), axis=1)
-        whole = (np.minimum(looks, np.array(PROJECTOR[::-1]) - looks) > 3 * SPREAD).all(axis=1)  # footprints
+        whole = (np.minimum(looks, np.array(PROJECTOR[::-1]) - looks) > 3 * SPREAD).all(axis=1)  # whole footprints only
         error = screen.positions[part].reshape(-1, 2)[whole] - looks[whole]
         offsets.append(np.median(error, axis=0))
         assert np.abs(error - offsets[-1]).max() < 0.1  # projector pixels
@@ -156,7 +159,7 @@ def test_light_is_matched_where_views_overlap(flat: list[RoomSeen]) -> None:
     second = transport_seen(SECOND, homography(RIGHT), tuple(gains))  # type: ignore[arg-type]
     room = replace(calibration_of(second, "bright"), ambient=flat[1][0].ambient * gains.astype(np.float32))
     found, kept = shared(flat[0], (room, second)), shared(flat[0], (room, second), keep_exposures=True)
-    np.testing.assert_allclose(found.placed[1].gain, 1 / gains, rtol=0.005)  # paint changes within a camera pixel
+    np.testing.assert_allclose(found.placed[1].gain, 1 / gains, rtol=0.005)  # paint varies within a camera pixel
     np.testing.assert_array_equal(kept.placed[1].gain, 1)
     view, light = found.calibration.views[1], found.transport.composition().reshape(*found.calibration.camera.shape, 3)
     np.testing.assert_allclose(light[view], flat[1][1].composition().reshape(*SECOND, 3), rtol=0.006, atol=1e-9)
@@ -164,12 +167,13 @@ def test_light_is_matched_where_views_overlap(flat: list[RoomSeen]) -> None:
 
 
 def test_a_camera_beside_its_copy_counts_once(flat: list[RoomSeen]) -> None:
-    """Half of each pixel: the same minimum as of one, to rounding and the solver's gap."""
+    """Each pixel counts half, so that the minimum equals the single camera's, up to rounding and the solver's gap."""
     room, T = flat[0]
     alone, twice = objective_of(T, room, DEFAULT_AIMS), shared(flat[0], flat[0])
     both = objective_of(twice.transport, twice.calibration, DEFAULT_AIMS)
     say = shares(twice.transport.near, twice.calibration).reshape(2, -1)
-    np.testing.assert_allclose(say[:, room.mask.ravel()], 0.5, atol=0.03)  # the copy's place is off by hundredths
+    # the copy's positions are off by hundredths of a pixel
+    np.testing.assert_allclose(say[:, room.mask.ravel()], 0.5, atol=0.03)
     b = np.repeat(0.5 * room.mask.reshape(-1, 1), 3, axis=1)
     drives = [Box(each).solve(np.concatenate([b] * count)).drive for each, count in ((alone, 1), (both, 2))]
     seen = [T.apply(drive) for drive in drives]
@@ -177,7 +181,7 @@ def test_a_camera_beside_its_copy_counts_once(flat: list[RoomSeen]) -> None:
 
 
 def test_shares_add_up_to_the_screens_area(flat: list[RoomSeen]) -> None:
-    """Over a projector pixel that cameras see whole: together they say as much as one camera alone elsewhere."""
+    """For fully seen projector pixels, several cameras together count as much as a single camera elsewhere."""
     found = shared(*flat)
     say = shares(found.transport.near, found.calibration)
     assert say.max() <= 1
@@ -185,14 +189,14 @@ def test_shares_add_up_to_the_screens_area(flat: list[RoomSeen]) -> None:
     light = channel(found.transport.near, 1)
     rows = sparse.diags_array(np.where(counts, say / np.maximum(light.sum(axis=1), 1e-9), 0))
     total = np.asarray((rows @ light).sum(axis=0)).reshape(PROJECTOR)[6:-6]
-    # The first camera's pixels are all of one size on the screen; perspective makes projector pixels differ by a third.
+    # The first camera's pixels have one size on the screen; perspective makes projector pixels differ by a third.
     smooth = np.median(total, axis=0)
     inner = smooth[8:40]
-    assert np.abs(np.diff(inner)).max() < 0.08 * inner.max()  # no step where a view ends
+    assert np.abs(np.diff(inner)).max() < 0.08 * inner.max()  # no step at the end of a view
 
 
 def test_three_cameras_follow_each_other(flat: list[RoomSeen]) -> None:
-    """The third shares nothing with the first; it comes by way of the second, whatever the order."""
+    """The third camera overlaps only the second, not the first; it is placed through the second in any order."""
     middle = RIGHT.copy()
     middle[0, 2] = 8
     far = RIGHT.copy()
@@ -243,10 +247,10 @@ def test_positions_are_numbers(flat: list[RoomSeen], value: float) -> None:
 
 
 def test_a_third_camera_sees_no_seam(tmp_path: Path) -> None:
-    """An audience's camera between both, of whom nobody was told: grey is asked for, the optimum of both is shown.
+    """A camera in between, unknown to the optimum for grey, sees grey.
 
-    What it sees is within a code value of grey (sRGB), from one of its columns to the next, where the first camera's
-    view ends and where the second's begins; so is what it sees of either side on average.
+    The means of its sRGB codes stay within one code of grey, per column at both ends of the cameras' overlap, and over
+    the areas that one or both cameras see.
     """
     path, size = SCENES / "folded_wall.toml", ((72, 96), (36, 64))
     wall = re.sub("pattern = .*", "albedo = [0.7, 0.72, 0.74]", path.read_text())  # paint has edges of its own
@@ -263,7 +267,7 @@ def test_a_third_camera_sees_no_seam(tmp_path: Path) -> None:
     seen = (result.transport.apply(drive) + result.ambient.reshape(-1, 3)).reshape(72, 96, 3)
     codes = srgb(seen / white) - srgb(np.array(grey))
     inside = [_inside(looks_at(audience, view), view) for view in scene.views]
-    plain = np.abs(codes).max(axis=2) < 20  # neither the raster's edge nor what no camera sees
+    plain = np.abs(codes).max(axis=2) < 20  # without the raster's edge and pixels that no camera sees
     for counted in (inside[0] & ~inside[1], inside[0] & inside[1], inside[1] & ~inside[0]):
         assert counted.sum() > 300
         assert np.abs(codes[counted & plain].mean(axis=0)).max() < 1

@@ -1,4 +1,4 @@
-"""Jobs on dask.distributed: real schedulers and workers, one of which is killed; what cannot be is one line."""
+"""Jobs on dask.distributed: real schedulers and workers, one of them killed; impossible jobs print one line."""
 
 import csv
 import os
@@ -48,7 +48,7 @@ def test_bands_traced_elsewhere_are_the_same_to_the_last_bit(tmp_path: Path) -> 
 
 
 def rendering(pid: int) -> list[int]:
-    """Workers that have begun to decode."""
+    """Process ids of workers that decode."""
     workers = [child for child in descendants(pid) if called(child, "spawn_main")]
     return [worker for worker in workers if any(called(child, "decoding.decoder") for child in descendants(worker))]
 
@@ -81,24 +81,24 @@ TIMED = {"preparation_s", "cpu_s", "frame_ms"}
 
 
 def studying(report: Path, *more: object) -> list[object]:
-    """The command that studies a scene by few methods."""
+    """Command that studies a scene with few methods."""
     words = "--scenes", "wall", "--size", "24x16", "--pictures", "text", "-o", report
     return [sys.executable, "-c", FEW, *words, *more]
 
 
 def figures(report: Path) -> list[dict[str, str]]:
-    """A study's, without times."""
+    """Figures of a study, without times."""
     with (report / "results.csv").open(encoding="utf-8") as file:
         return [{k: v for k, v in row.items() if k not in TIMED} for row in csv.DictReader(file)]
 
 
 def drawing(pid: int) -> list[int]:
-    """Workers that have begun to try methods: they have OpenGL."""
+    """Process ids of workers that try methods, recognised by their OpenGL library."""
     return [child for child in descendants(pid) if called(child, "spawn_main") and maps(child, "libEGL")]
 
 
 def maps(pid: int, name: str) -> bool:
-    """Whether a process has a library in memory."""
+    """Whether a process has loaded a library."""
     try:
         return name in Path(f"/proc/{pid}/maps").read_text()
     except OSError:
@@ -123,7 +123,7 @@ def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Pa
 
 @pytest.fixture
 def scheduler(tmp_path: Path) -> Iterator[str]:
-    """The address of one without workers."""
+    """Address of a scheduler without workers."""
     told = tmp_path / "scheduler.json"
     words = script("dask"), "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
     with running(*words, "--scheduler-file", told, folder=tmp_path, errors=None) as process:
@@ -145,7 +145,7 @@ STRANGE = "import importlib.metadata as m; v = m.version; m.version = lambda n: 
     ],
 )
 def test_a_worker_that_cannot_do_the_same_is_one_line(room: Path, scheduler: str, made: str, expected: str) -> None:
-    """A worker that has not what it needs, or sees no file, since its process was told so."""
+    """A worker lacks a dependency or a file, because its process was started so."""
     begun = f"{made}; from distributed.cli.dask_worker import main; main()"
     words = sys.executable, "-c", begun, scheduler, "--no-nanny", "--nthreads", "1", "--no-dashboard"
     with running(*words, errors=None) as worker:

@@ -1,4 +1,4 @@
-"""Cluster decomposition: Appendix A against its pseudo-code, what no cut may break, and the search for a size."""
+"""Cluster decomposition: Appendix A against its pseudo-code, invariants of every cut, and the search for a size."""
 
 import math
 from itertools import pairwise
@@ -28,7 +28,7 @@ Graph = tuple[tuple[Csr, ...], tuple[int, int], tuple[int, int]]
 
 
 def random_graph(rng: np.random.Generator, levels: int = 0, density: float = 0.3) -> Graph:
-    """Three channels of different patterns, weights from 1e-7 to 1e3; `levels` > 0: few values, so many are equal."""
+    """Three channels with different patterns, weights from 1e-7 to 1e3; `levels` > 0 gives few values, so many ties."""
     camera, projector = (int(rng.integers(1, 5)), int(rng.integers(1, 6))), tuple(rng.integers(1, 8, 2).tolist())
     shape = math.prod(camera), math.prod(projector)
     weights = 10 ** rng.uniform(-7, 3, (3, *shape))
@@ -45,13 +45,13 @@ def blurred_room(rng: np.random.Generator, sigma: float = 0.9) -> Graph:
 
 
 def random_weights(rng: np.random.Generator, graph: Graph) -> Graph:
-    """The graph with every entry scaled at random: symmetric footprints have equal weights, these have none."""
+    """Scale every entry at random, because symmetric footprints have equal weights."""
     noisy = [sparse.csr_array(T.multiply(rng.uniform(0.5, 1, T.shape)).astype(np.float32)) for T in graph[0]]
     return tuple(noisy), *graph[1:]
 
 
 def entries_reversed(T: Csr) -> Csr:
-    """The same matrix, each row's entries stored by descending column."""
+    """The same matrix with the entries of each row by descending column."""
     order = np.lexsort((-T.indices, np.repeat(np.arange(T.shape[0]), np.diff(T.indptr))))
     return sparse.csr_array((T.data[order], T.indices[order], T.indptr), shape=T.shape)
 
@@ -80,12 +80,12 @@ def dense(matrices: tuple[Csr, ...]) -> NDArray[np.float64]:
 
 
 def pattern(matrices: tuple[Csr, ...]) -> NDArray[np.bool_]:
-    """Pairs of a camera and a projector pixel that any channel connects."""
+    """Pairs of a camera pixel and a projector pixel that any channel connects."""
     return np.asarray(dense(matrices).any(axis=0))
 
 
 def check_invariants(graph: Graph, result: Decomposition) -> None:
-    """What a cut may never break, and a report that tells the truth."""
+    """Check the invariants of every cut, and the report."""
     before, after = dense(graph[0]), dense(channels(result.near))
     connected, kept = pattern(graph[0]), pattern(channels(result.near))
     assert not np.any(kept & ~connected), "a connection that never was"
@@ -99,7 +99,7 @@ def check_invariants(graph: Graph, result: Decomposition) -> None:
 
 
 def appendix_a(graph: Graph, parameters: Parameters) -> tuple[NDArray[np.bool_], int]:
-    """The thesis' pseudo-code line by line: which connections are left, and projector pixels that were cut off."""
+    """The thesis' pseudo-code line by line: kept connections, and the number of projector pixels that were cut off."""
     weights = dense(graph[0])
     luminance = LUMINANCE[0] * weights[0] + LUMINANCE[1] * weights[1] + LUMINANCE[2] * weights[2]
     left = luminance > 0
@@ -184,20 +184,20 @@ def test_a_radius_beyond_the_picture_leaves_each_camera_pixel_its_strongest(rng:
 
 
 def test_light_from_elsewhere_stays_when_overlap_goes() -> None:
-    """A camera pixel sees a spot of 5 projector pixels and, dimmer, the reflection of a spot of 3 far away."""
+    """A camera pixel sees a spot of 5 projector pixels and, dimmer, the reflection of a distant spot of 3."""
     T = np.zeros((1, 40))
     T[0, [4, 5, 6, 7, 8]] = 0.1, 0.5, 1.0, 0.4, 0.05
     T[0, [30, 31, 32]] = 0.02, 0.03, 0.01
     graph = (sparse.csr_array(T.astype(np.float32)),) * 3, (1, 1), (1, 40)
-    wide = sparse.csr_array(np.vstack([T, np.eye(40)]).astype(np.float32))  # nobody is cut off
+    wide = sparse.csr_array(np.vstack([T, np.eye(40)]).astype(np.float32))  # no projector pixel is cut off
     result = cut((wide,) * 3, (1, 41), (1, 40), Parameters(3, 0.45))
     np.testing.assert_array_equal(np.flatnonzero(pattern(channels(result.near))[0]), [5, 6, 30, 31])
-    alone = cut(*graph, Parameters(3, 0.45))  # all are cut off but for those, and all come back
+    alone = cut(*graph, Parameters(3, 0.45))  # all other projector pixels are cut off and reinserted
     assert (alone.report.connections_after, alone.report.saved_pixels) == (8, 4)
 
 
 def test_tau_2_reinserts_by_the_pixels_own_strongest() -> None:
-    """Projector pixel 1 is never the strongest; its own connections are 0.4, 0.3 and 0.1."""
+    """Projector pixel 1 is never the strongest; its connections are 0.4, 0.3 and 0.1."""
     T = sparse.csr_array(np.array([[1, 0.4, 0], [0, 0.3, 1], [0, 0.1, 1]], np.float32))
     for tau_2, rows in ((1.0, [0]), (0.7, [0, 1]), (0.2, [0, 1, 2]), (0.0, [0, 1, 2])):
         result = cut((T, T, T), (1, 3), (1, 3), Parameters(1, 0.5, tau_2))
@@ -210,7 +210,7 @@ def test_a_channel_that_only_cut_connections_carried_stays_in_the_composition() 
     green = sparse.csr_array(np.array([[0, 0.6, 0.3], [0.7, 0.5, 0.1]], np.float32))
     result = cut((red, green, red), (2, 1), (1, 3), Parameters(5, 0.4))
     np.testing.assert_array_equal(pattern(channels(result.near)), [[False, True, True], [True, True, False]])
-    # Red of camera pixel 0 came from projector pixel 0; what is left shares it by luminance, 0.6 to 0.3.
+    # Red of camera pixel 0 came from projector pixel 0; the remaining pixels share it by luminance, 0.6 to 0.3.
     np.testing.assert_allclose(dense(channels(result.near))[0, 0], [0, 0.2 * 2 / 3, 0.2 / 3], rtol=FLOAT32_SUM)
 
 
@@ -301,7 +301,7 @@ def test_clusters_that_are_small_enough_are_not_cut(rng: np.random.Generator) ->
 
 
 def test_the_impossible_says_what_is_possible() -> None:
-    """One camera pixel sees six projector pixels that nobody else sees: none may be cut off, so they stay together."""
+    """One camera pixel sees six projector pixels that no other pixel sees: none may be cut off, so they stay."""
     T = sparse.csr_array(np.array([[6, 5, 4, 3, 2, 1]], np.float32))
     with pytest.raises(InputError, match=r"--max-cluster 5: .* has 6 projector pixels .*expected at least 6"):
         cut_to((T,) * 3, (1, 1), (2, 3), 5)

@@ -1,4 +1,4 @@
-"""How films are coded: FFmpeg's words reach the file, and what FFmpeg does not offer is refused at once."""
+"""Coding of films: FFmpeg's options reach the file, and options that FFmpeg lacks are refused at once."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ class Picture:
 
 
 def written(path: Path, codes: np.ndarray, coding: Coding) -> tuple[str, str, np.ndarray]:
-    """Codec, pixel format and first picture of a film."""
+    """Write a film and return its codec, pixel format and first picture."""
     with open_output(path, 25, coding=coding) as output:
         for number in range(5):
             output.write(Picture(codes), number / 25)

@@ -1,4 +1,4 @@
-"""Tiers of colour against all nine matrices written out, and against damage."""
+"""Tiers of colour against all nine matrices, and damaged primaries."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,8 +24,8 @@ from tests.coloured_rooms import CROSSTALK, LEDS, WHEEL, ColouredRoom, coloured_
 
 FloatArray = NDArray[np.float64]
 SIXTEEN = mixing_of_condition(16)
-UNLIKE_CAMERA, UNLIKE_PROJECTOR = (12, 16), (9, 12)  # of 18 dense matrices, which scipy takes seconds for
-NEAR_DB = 0.05  # of the nine matrices' optimum: the box solver's gap, and what two primaries share of an error
+UNLIKE_CAMERA, UNLIKE_PROJECTOR = (12, 16), (9, 12)  # 18 dense matrices, which take scipy seconds
+NEAR_DB = 0.05  # of the nine matrices' optimum: the box solver's gap, and errors that two primaries share
 
 
 def picture(camera: tuple[int, int]) -> FloatArray:
@@ -34,7 +34,7 @@ def picture(camera: tuple[int, int]) -> FloatArray:
 
 
 def compensated(room: ColouredRoom, colour: str, neutral: FloatArray) -> tuple[float, Tier]:
-    """PSNR in screen primaries of what all nine matrices show, and the tier that asked for it."""
+    """PSNR in screen primaries of the drive through all nine matrices, and the tier that computed its targets."""
     tier = tier_of(room.calibration, room.transport, colour)
     desired = WHITE * picture(room.calibration.camera.shape)
     drive = prepare("box", tier.transport, room.calibration.mask).solve(tier.asked(desired)).drive
@@ -43,7 +43,7 @@ def compensated(room: ColouredRoom, colour: str, neutral: FloatArray) -> tuple[f
 
 
 def optimum(room: ColouredRoom, neutral: FloatArray) -> float:
-    """The same of the least squares drive within 0..1 of the 3 m × 3 n system, thesis eq. 4.2, by scipy."""
+    """PSNR of the least squares drive within 0..1 of the 3 m × 3 n system, thesis eq. 4.2, by scipy."""
     Q = np.linalg.inv(neutral)
     _, _, rows, columns = room.nine.shape
     A = np.einsum("mk,klij->milj", Q, room.nine).reshape(3 * rows, 3 * columns)
@@ -86,7 +86,7 @@ def test_where_paint_differs_a_mixing_of_each_pixel_reaches_it(
 
 @pytest.mark.parametrize("neutral", [CROSSTALK, SIXTEEN], ids=["12 %", "condition 16"])
 def test_a_tier_says_what_a_drive_of_any_colour_looks_like(rng: np.random.Generator, neutral: FloatArray) -> None:
-    """Where primaries' footprints agree, the tier of each pixel is exact: nine matrices in three and a mixing."""
+    """Where the primaries' footprints agree, the tier per pixel is exact: three matrices and a mixing give all nine."""
     room = coloured_room(rng, neutral, paint=0.3 / np.linalg.cond(neutral))
     drive = rng.uniform(size=(room.transport.shape[1], 3))
     tier = tier_of(room.calibration, room.transport, "pixel")
@@ -113,14 +113,14 @@ def test_without_floodlights_or_as_asked_nothing_changes(rng: np.random.Generato
 
 
 def test_the_neutral_mixing_is_found_beside_paint_of_any_colour_and_gain(rng: np.random.Generator) -> None:
-    """Two thirds of the room are coloured, and a channel of the camera is three times as sensitive."""
+    """Two thirds of the room are coloured, and one camera channel is three times as sensitive."""
     room = coloured_room(rng, paint=0.3, camera=(40, 60))
     F = room.calibration.primaries
     assert F is not None
     for gains in ((1, 1, 1), (1, 3, 0.5)):
         found = neutral_mixing(F * np.float32(gains), room.calibration.mask)
         primaries = np.diag(gains) @ CROSSTALK
-        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white is what the camera calls white
+        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white as the camera defines it
         np.testing.assert_allclose(found, expected, atol=1e-2)  # paint of up to ± 30 % within a primary
 
 
@@ -131,7 +131,7 @@ def test_of_a_large_camera_some_pixels_tell_the_neutral_mixing(
     F, mask = np.array(room.calibration.primaries), room.calibration.mask
     whole = neutral_mixing(F, mask)
     every_fifth = mask.ravel().cumsum() % 5 == 1
-    F.reshape(3, -1, 3)[:, ~every_fifth & mask.ravel()] = np.nan  # NaN in one of them would be NaN in the end
+    F.reshape(3, -1, 3)[:, ~every_fifth & mask.ravel()] = np.nan  # NaN in a chosen pixel would make the result NaN
     monkeypatch.setattr(neutral_colour, "MOST_ASKED", mask.sum() // 5)
     np.testing.assert_allclose(neutral_mixing(F, mask), whole, atol=1e-3)
 
@@ -151,14 +151,14 @@ def damaged(room: ColouredRoom, kind: str) -> Calibration:
     elif kind == "tiny":
         F[:] = F * np.float32(1e-30)
     else:
-        F[:] = F[:1]  # three times the same
+        F[:] = F[:1]  # three equal primaries
     return replace(room.calibration, primaries=F)
 
 
 @pytest.mark.parametrize("kind", ["signed", "clipped", "singular", "another unit", "nothing", "tiny", "one primary"])
 @pytest.mark.parametrize("colour", ["auto", *TIERS])
 def test_floodlights_that_make_no_sense_make_no_nan(rng: np.random.Generator, kind: str, colour: str) -> None:
-    """Pixels fall back to the room's mixing; a room without one is refused, or its channels independent."""
+    """Pixels fall back to the room's mixing; a room without a mixing is refused, or its channels are independent."""
     room = coloured_room(rng, paint=0.1)
     calibration = damaged(room, kind)
     if kind in ("nothing", "one primary") and colour in ("global", "pixel"):
@@ -181,7 +181,7 @@ def test_floodlights_that_make_no_sense_make_no_nan(rng: np.random.Generator, ki
 
 
 def test_white_asks_the_primaries(rng: np.random.Generator) -> None:
-    """The 10th percentile of 1 / max_l [F⁻¹ M₀ 1]_l, without ambient light."""
+    """White is the 10th percentile of 1 / max_l [F⁻¹ M₀ 1]_l, without ambient light."""
     room = coloured_room(rng, paint=0.3, ambient=0.0)
     F = np.moveaxis(room.calibration.primaries.astype(np.float64).reshape(3, -1, 3), 0, -1)  # type: ignore[union-attr]
     t = np.linalg.solve(F, np.ones((len(F), 3, 1)))[..., 0]
@@ -190,7 +190,7 @@ def test_white_asks_the_primaries(rng: np.random.Generator) -> None:
 
 
 def test_white_is_what_a_drive_of_the_primaries_shows_at_its_brightest(rng: np.random.Generator) -> None:
-    """With ambient light: at each pixel's own reach the share of some primary is 1, none above."""
+    """With ambient light: at each pixel's own reach, the largest share of a primary is 1."""
     room = coloured_room(rng, paint=0.3, ambient=0.1)
     tier = tier_of(room.calibration, room.transport, "pixel")
     grey = np.repeat(tier.reach.min(axis=2, keepdims=True), 3, axis=2)
@@ -224,7 +224,7 @@ def test_maps_keep_the_tier_on_disk_and_both_backends_show_what_the_nine_matrice
 
 
 def spoil(folder: Path, kind: str) -> None:
-    """Change a map's mixing, its checksum made right again."""
+    """Change the mixing of a map and renew its checksum."""
     import tomllib
 
     import tomli_w
@@ -268,7 +268,7 @@ def test_matrices_without_an_inverse_are_told_apart() -> None:
 
 
 def half(room: ColouredRoom, seen: NDArray[np.bool_]) -> ColouredRoom:
-    """Lit only in some camera pixels, (camera height, camera width)."""
+    """Keep the light of the camera pixels in `seen`, (camera height, camera width)."""
     lit = seen.ravel()
     F = room.calibration.primaries
     assert F is not None
@@ -284,14 +284,14 @@ def joined(folder: Path, rooms: Sequence[ColouredRoom]) -> cl.Room:
 
 
 def shown(room: cl.Room, drive: FloatArray) -> list[FloatArray]:
-    """What each projector makes of its part of a drive, of its own primaries."""
+    """Each projector's part of a drive, in its own primaries."""
     parts = [drive[region.part] for region in room.calibration.regions]
     matrices = [np.eye(3) if device.colour is None else device.colour for device in room.calibration.projectors]
     return [part @ np.array(D).T for part, D in zip(parts, matrices, strict=True)]
 
 
 def test_unlike_projectors_beside_each_other_show_the_same_colours(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Each pixel has the mixing of the projector that lights it, of primaries that both have."""
+    """Each pixel has the mixing of the projector that lights it, in primaries that both projectors have."""
     left = np.zeros((11, 17), bool)
     left[:, :8] = True
     whole = [coloured_room(rng, neutral, paint=0.1, ambient=0.0) for neutral in (CROSSTALK, mixing_of_condition(4))]
@@ -311,17 +311,18 @@ def test_unlike_projectors_beside_each_other_show_the_same_colours(tmp_path: Pat
 def test_unlike_projectors_on_one_surface_come_near_the_optimum_of_all_primaries(
     tmp_path: Path, rng: np.random.Generator, tint: tuple[float, float, float]
 ) -> None:
-    """LEDs beside a colour wheel, against scipy's least squares over all eighteen matrices (thesis eq. 4.6).
+    """LEDs next to a colour wheel, against scipy's least squares over all eighteen matrices (thesis eq. 4.6).
 
-    What is left, up to 3 dB of 42, are colours that one of them alone could show, and errors that primaries share; with
-    the sum of the floodlights alone 15 dB were lost.
+    The rest, up to 3 dB of 42, comes from colours that only one projector can show, and from errors that primaries
+    share. The sum of the floodlights alone would lose 15 dB.
     """
     surface, rooms, (height, width) = rng.integers(1 << 30), [], UNLIKE_PROJECTOR
     for neutral, shift in ((LEDS, (0.0, 0.0)), (WHEEL * tint, (0.3, 0.4))):
         same = np.random.default_rng(surface)
         rooms.append(coloured_room(same, neutral, camera=UNLIKE_CAMERA, projector=UNLIKE_PROJECTOR, shift=shift))
     joint = joined(tmp_path, rooms)
-    assert [device.colour is None for device in joint.calibration.projectors] == [False, True]  # the wheel's are inside
+    # the LEDs' gamut contains the wheel's primaries
+    assert [device.colour is None for device in joint.calibration.projectors] == [False, True]
     desired = WHITE * picture(UNLIKE_CAMERA)
     drive = prepare("box", joint.tier.transport, joint.calibration.mask).solve(joint.tier.asked(desired)).drive
     lit = [
@@ -352,7 +353,7 @@ def test_a_room_of_which_a_projector_s_primaries_are_not_known_has_none(
 
 
 def test_projectors_without_a_white_in_common_are_refused(rng: np.random.Generator) -> None:
-    """A lamp so blue that the other's pale primaries do not make it."""
+    """A lamp is so blue that the other projector's pale primaries cannot match it."""
     rooms = [coloured_room(rng, neutral) for neutral in (mixing_of_condition(4), LEDS * (0.2, 1.0, 5.0))]
     measured = [room.calibration.primaries for room in rooms]
     with pytest.raises(InputError, match="left, right have no white in common"):
@@ -363,14 +364,14 @@ def test_projectors_without_a_white_in_common_are_refused(rng: np.random.Generat
 
 
 def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: np.random.Generator) -> None:
-    """Where a primary ends the others make up for it, as scipy's bounded least squares does."""
+    """Where a primary reaches its limit, the other primaries compensate, as in scipy's bounded least squares."""
     camera = 6, 10
     B = np.eye(3) + 0.3 * rng.uniform(-1, 1, (*camera, 3, 3))
     mixing = Mixing(WHEEL, (B / np.linalg.norm(B, axis=2, keepdims=True)).astype(np.float32))
     light, full = rng.uniform(-0.5, 1.5, (*camera, 3)), rng.uniform(0.2, 1, (*camera, 3))
     light[0] = 0.5 * full[0]
     found, clipped = mixing.within(light, full), np.clip(light, 0, full)
-    assert np.array_equal(found[0], light[0])  # they can have it
+    assert np.array_equal(found[0], light[0])  # within reach
     assert ((found >= 0) & (found <= full)).all()
     assert mixing.pixel is not None
     matrices = WHEEL @ mixing.pixel.astype(np.float64)
@@ -381,7 +382,7 @@ def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: n
     for y, x in np.ndindex(*camera):
         answer = lsq_linear(matrices[y, x], matrices[y, x] @ light[y, x], (0, full[y, x]), tol=1e-12)
         best[y, x] = np.linalg.norm(answer.fun)
-    assert (off["found"] <= 1.05 * best + 1e-9).all()  # three times round the primaries
+    assert (off["found"] <= 1.05 * best + 1e-9).all()  # three iterations over the primaries
     assert off["found"].mean() < 1.005 * best.mean()
     assert off["clip"].mean() > 1.02 * best.mean()
-    assert np.array_equal(Mixing(WHEEL).within(light, full), clipped)  # one for the room: channels by themselves
+    assert np.array_equal(Mixing(WHEEL).within(light, full), clipped)  # one mixing for the room: independent channels

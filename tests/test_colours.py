@@ -1,4 +1,4 @@
-"""Decoded colours of real clips against FFmpeg's own conversion, and the numbers behind them."""
+"""Decoded colours of real clips against FFmpeg's conversion, and against the standards' numbers."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,11 +20,11 @@ ROOT = Path(__file__).resolve().parents[1]
 CLIPS = [CLIP]
 CLIPS += sorted((ROOT.parent / "shared" / "data" / "video").glob("*.mp4"))
 SPACES = {"bt601": Colorspace.ITU601, "bt709": Colorspace.ITU709}
-CODES = transfer_table("srgb")  # any monotone curve: codes go in and come out again
+CODES = transfer_table("srgb")  # any monotone curve: codes are converted and converted back
 
 
 def code_values(frame: Frame) -> np.ndarray:
-    """The frame's R'G'B' code values, 0..255, through the CPU twin (the shader equals it: tests/gl)."""
+    """R'G'B' code values of a frame, 0..255, through the CPU function (tests/gl compares the shader with it)."""
     signal = signal_of(frame.format)
     assert signal is not None
     linear = reference.planes_to_linear(frame.planes, frame.format, replace(signal, transfer=CODES))
@@ -50,13 +50,14 @@ def test_colours_agree_with_ffmpeg(path: Path) -> None:
         )
         expected = np.rot90(theirs.to_ndarray().astype(float), pixels.rotation // 90)
     assert ours.shape == expected.shape == (*shown_shape(pixels), 3)
-    # swscale takes the nearest chroma sample and rounds low by up to 1.5 codes; another matrix or range is 5 to 20 off.
+    # swscale takes the nearest chroma sample and rounds low by up to 1.5 codes; a wrong matrix or range is off by 5 to
+    # 20.
     assert np.abs(ours - expected).mean() < 3
     assert np.abs((ours - expected).mean(axis=(0, 1))).max() < 2
 
 
 def test_the_clips_cover_both_ranges_and_a_rotation() -> None:
-    """Guards the test above against a data set that no longer says anything (only where the shared clips are)."""
+    """Check that the clips cover the cases of the test above (only if the shared clips exist)."""
     if len(CLIPS) == 1:
         return
     formats = []
@@ -82,11 +83,11 @@ def test_limited_range_ends_at_the_standards_codes(rng: np.random.Generator, dep
     [("bt601", (81, 90, 240)), ("bt709", (63, 102, 240)), ("bt2020", (74, 97, 240))],
 )
 def test_saturated_red_in_each_standard(rng: np.random.Generator, matrix: str, codes: tuple[int, int, int]) -> None:
-    """Y'CbCr of pure red, rounded to 8 bit, as the standards' equations give it."""
+    """Y'CbCr of pure red, rounded to 8 bits, from the standards' equations."""
     frame = yuv_frame(rng, (4, 6), matrix=matrix)
     for plane, value in zip(frame.planes, codes, strict=True):
         plane[...] = value
-    np.testing.assert_allclose(code_values(frame)[0, 0], [255, 0, 0], atol=2)  # three roundings to 8 bit
+    np.testing.assert_allclose(code_values(frame)[0, 0], [255, 0, 0], atol=2)  # three roundings to 8 bits
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The registry of commands and properties: what is taken, what is refused in one line, how keys use it."""
+"""The registry of commands and properties: accepted values, refusals in one line, and use by keys."""
 
 import re
 from types import SimpleNamespace
@@ -86,7 +86,7 @@ def test_cycle_add_and_multiply(commands: Commands, state: SimpleNamespace) -> N
         assert state.view == expected
     commands.run("cycle", "view", "down")
     assert state.view == "split"
-    for expected in (2, 3, 3):  # it stops at the end
+    for expected in (2, 3, 3):  # stops at the end
         commands.run("add", "gain", "2" if expected == 2 else 1)
         assert state.gain == expected
     commands.run("add", "share", "-0.75")
@@ -108,7 +108,7 @@ def test_keys_run_commands_and_say_what_they_changed(commands: Commands, state: 
     assert keys.press("p", placing=False) == ""  # unbound
     assert keys.press("not a key", placing=False) == ""
     assert state.pause is True
-    assert "no command 'quit'" in keys.press("q", placing=False)  # this registry has none
+    assert "no command 'quit'" in keys.press("q", placing=False)  # this registry lacks the command
 
 
 def test_every_key_is_on_the_help_page(commands: Commands) -> None:

@@ -1,4 +1,4 @@
-"""The compiled passes against the twins in numpy, which say what is meant; the same bytes whatever the threads."""
+"""The compiled passes against the reference in numpy; the bytes do not depend on the number of threads."""
 
 import re
 from collections.abc import Iterator
@@ -32,8 +32,8 @@ from tests.programs import python
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, MIXED, SEGMENTED, UNLIKE, in_strips, in_two_rows, random_room, rgb_frame, yuv_frame
 
-ATOL = 1e-5  # as the shaders': float32 in sums of at most a few hundred terms of at most a few units
-STEPPED = 1e-4  # eight steps, each of which reads what the one before has rounded
+ATOL = 1e-5  # like the shaders' tolerance: float32 in sums of at most a few hundred terms of at most a few units
+STEPPED = 1e-4  # eight steps, each of which reads rounded values of the previous step
 PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
 TURN = np.array([[1.004, 0.01, 0.4], [-0.008, 0.997, 0.7], [1e-5, -2e-5, 1]])
 
@@ -46,7 +46,7 @@ def opened(renderer: Renderer, frame: Frame, adjustments: Adjustments = NEUTRAL)
 
 
 def assert_same(room: Room, frame: Frame, adjustments: Adjustments = NEUTRAL, *, steps: int = 0) -> None:
-    """In every view: light within the tolerance, codes at most one apart where rounding tips."""
+    """Compare every view: light within the tolerance; codes differ by at most 1, from rounding."""
     pair = [opened(made(room), frame, adjustments) for made in (CpuRenderer, ReferenceRenderer)]
     for view in VIEWS:
         for renderer in pair:
@@ -115,7 +115,7 @@ def test_a_table_is_the_twins(rng: np.random.Generator, domain: Any, tmp_path: P
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("drawn", [False, True])
 def test_refined_film_is_the_twins(rng: np.random.Generator, start: str, drawn: bool) -> None:
-    """Frame after frame, so that what is carried on shows; with a prior, and without."""
+    """Several frames, because refinement carries state; with and without a prior."""
     room = physical_room(rng, start=start).room
     assert room.maps.refinement is not None
     if drawn:
@@ -151,7 +151,7 @@ def test_dithers_are_the_twins(
         for renderer in (ours, meant):
             renderer.render("projector", compensate=True, frame=number)
         tipped = ours.encoded() != meant.encoded()
-        assert tipped.mean() < 0.01  # a threshold of its own would differ in half of the pixels
+        assert tipped.mean() < 0.01  # a different dither threshold would change half of the pixels
 
 
 @pytest.mark.parametrize("dither", DITHERS)
@@ -161,7 +161,7 @@ def test_projectors_in_two_rows_are_encoded_as_the_twin_does(rng: np.random.Gene
         device.encoder((10, 13), in_two_rows(), 1.0, dither).run(drive, 5)
         for device in (CpuDevice(), ReferenceDevice())
     )
-    assert np.mean(ours != meant) < 0.01  # tips, as above
+    assert np.mean(ours != meant) < 0.01  # rounding, as above
 
 
 def test_a_moved_picture_is_the_twins(rng: np.random.Generator) -> None:
@@ -183,7 +183,7 @@ def test_bands_are_the_twin_s_filters(
 
 
 def test_a_tent_of_many_samples_leaves_out_what_the_twin_does(rng: np.random.Generator) -> None:
-    """Pinned into a target a hundred times smaller."""
+    """The picture is pinned into a target a hundred times smaller."""
     source, H = rng.uniform(size=(700, 900, 3)), np.array([[100.0, 3, 0], [2, 90, 1], [1e-3, 2e-3, 1]])
     drawn = [
         device.make_pass("pinned.frag", (7, 9), to_source=tuple(H.T.ravel())).run(source=device.picture(source))
@@ -213,7 +213,7 @@ def test_the_bytes_are_the_same_on_every_run_and_with_any_threads(
 
 
 def test_no_frame_compiles_anything_once_prepared() -> None:
-    """In a process of its own: pictures of another type than was foreseen would be compiled for, within a frame."""
+    """Run in its own process: pictures of an unforeseen type would compile a pass during a frame."""
     code = """
 import numpy as np
 from counterlight.show.compiling import compile_passes
@@ -272,7 +272,7 @@ print(out.sum())
 
 
 def test_what_was_prepared_is_what_a_call_finds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Kept once, whoever compiles first."""
+    """Whichever process compiles first, the cache holds one copy."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     ((function, signatures),) = ((made.py_func, each) for made, each in compiled.KERNELS if made is compiled.combined)
     early, late = (kept(parallel=True, error_model="numpy")(function) for _ in range(2))
@@ -297,7 +297,7 @@ print(known == [len(compiled.KERNELS)])
 
 
 def test_every_pass_is_compiled_before_the_first_frame() -> None:
-    """A supervisor would end a player that compiles instead of beating, before what it compiled is kept."""
+    """A supervisor would end a player that compiles without heartbeats before the result is cached."""
     assert python("-c", KNOWN) == "True\n"
 
 
@@ -310,7 +310,7 @@ def test_compiling_is_said_only_where_something_is_compiled(
         monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
     (signatures,) = (each for made, each in compiled.KERNELS if made is compiled.combined)
     said = []
-    for _ in range(2):  # processes
+    for _ in range(2):  # stands for two processes
         made = kept(parallel=True, error_model="numpy")(compiled.combined.py_func)
         monkeypatch.setattr(compiled, "KERNELS", [(made, signatures)])
         compile_passes()

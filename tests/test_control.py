@@ -1,4 +1,4 @@
-"""The control socket: what a client is answered, and that no client harms the show. The registry is a small one."""
+"""The control socket: answers to a client, and clients that cannot harm the show. The registry is small."""
 
 import json
 import socket
@@ -17,7 +17,7 @@ ENOUGH_POLLS = 4000
 
 
 class Lamp:
-    """A registry of a few commands and properties."""
+    """Registry of a few commands and properties."""
 
     def __init__(self) -> None:
         self.values: dict[str, Any] = {
@@ -65,7 +65,7 @@ class Lamp:
 
 
 class Client:
-    """A blocking connection whose server is polled whenever an answer is wanted."""
+    """Blocking connection that polls the server while it waits for an answer."""
 
     def __init__(self, path: Path, serve: Callable[[], None]) -> None:
         self.socket = socket.socket(socket.AF_UNIX)
@@ -74,7 +74,7 @@ class Client:
         self._serve, self._arrived = serve, b""
 
     def send(self, data: bytes) -> None:
-        """All of it, serving the other end while it has no room."""
+        """Send all data, and serve the other end while its buffer is full."""
         for _ in range(ENOUGH_POLLS):
             try:
                 data = data[self.socket.send(data) :]
@@ -196,7 +196,7 @@ def test_what_is_wrong_is_answered_and_the_next_line_works(
     assert says in answer["message"]
     assert answer["request_id"] == (3 if b'"request_id": 3' in line else 0)
     assert client.ask("add", 1)["data"] == 1
-    assert capsys.readouterr().err.count("\n") == (b"break" in line)  # what is our fault is told here, too
+    assert capsys.readouterr().err.count("\n") == (b"break" in line)  # faults of the product are also printed here
 
 
 def test_observed_properties_are_told_at_once_and_when_they_change(client: Client, lamp: Lamp) -> None:
@@ -238,7 +238,7 @@ def test_closing_says_goodbye(lamp: Lamp, tmp_path: Path) -> None:
 def test_a_client_that_does_not_read_costs_a_bounded_number_of_bytes(
     connect: Callable[[], Client], server: ControlServer, lamp: Lamp
 ) -> None:
-    """It asks for more than the socket and the server hold, and observes what changes with every poll."""
+    """The client requests more than the buffers hold, and observes a value that changes with every poll."""
     slow, quick = connect(), connect()
     assert slow.ask("observe_property", 1, "gap")["error"] == "success"
     request = encode({"command": ["tell", 10_000]})
@@ -256,7 +256,7 @@ def test_a_client_that_does_not_read_costs_a_bounded_number_of_bytes(
     assert len(kept._arrived) <= MAX_LINE + (16 << 10)
     assert quick.ask("add", 1)["data"] == 1
     lamp.values["gap"] = -1.0
-    while True:  # once it reads, it is answered, and hears the value as it is now
+    while True:  # once the client reads, it is answered and receives the present value
         answer = slow.line()
         if answer.get("data") == -1.0:
             break
@@ -297,7 +297,7 @@ def test_each_observed_property_is_asked_for_once_a_poll(
 
 
 def test_ten_thousand_random_lines_and_it_still_answers(client: Client, lamp: Lamp, rng: np.random.Generator) -> None:
-    """Bytes, mutilated requests, and well-formed nonsense; every line that is not blank is answered."""
+    """Bytes, mutilated requests and well-formed nonsense: every line that is not blank is answered."""
     words = [
         "get_property",
         "set_property",

@@ -1,4 +1,4 @@
-"""Copies of an interpreter that has imported the product are what a program that is started anew would be."""
+"""Copies of an interpreter that has imported the product behave like a newly started program."""
 
 import json
 import os
@@ -57,7 +57,7 @@ def test_a_copy_that_is_killed_says_so_and_its_text_is_there(tmp_path: Path) -> 
     copy.kill()
     assert copy.communicate() == copy.communicate() == ("", None)
     assert copy.returncode == -signal.SIGKILL
-    copy.kill()  # nobody, whoever has its number now
+    copy.kill()  # no process, whichever has this number now
 
 
 def test_what_is_read_during_import_needs_a_new_interpreter() -> None:

@@ -1,4 +1,4 @@
-"""Colour tables: read as colour-science reads them, interpolated as it does, damaged files refused in a line."""
+"""Colour tables: read and interpolated as colour-science does; damaged files are refused in one line."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -54,7 +54,7 @@ def test_a_linear_table_is_exact_between_samples(rng: np.random.Generator) -> No
 
 
 def test_codes_of_a_picture_go_through_it(rng: np.random.Generator, tmp_path: Path) -> None:
-    """After the viewer's brightness, before the medium's curve."""
+    """The table applies after the viewer's brightness and before the medium's curve."""
     cube = read_cube(write_cube(tmp_path / "look.cube", rng, 9))
     frame = rgb_frame(rng.integers(0, 256, (7, 9, 3)).astype(np.uint8), "linear")
     codes = np.clip(np.stack(frame.planes, axis=-1) / 255 + 0.1, 0, 1)
@@ -64,14 +64,14 @@ def test_codes_of_a_picture_go_through_it(rng: np.random.Generator, tmp_path: Pa
 
 
 def test_a_conversion_makes_an_ordinary_picture_of_hdr(rng: np.random.Generator) -> None:
-    """The identity of type conversion: codes of PQ taken for BT.1886, as a table from PQ to BT.709 would write them."""
+    """The identity of type `conversion` takes PQ codes as BT.1886, as a table from PQ to BT.709 would write them."""
     frame = yuv_frame(rng, (8, 12), transfer="pq", primaries="bt2020", matrix="bt2020", depth=10)
     native, conversion = (
         planes_to_linear(frame.planes, frame.format, signal_of(frame.format, adjustments))
         for adjustments in (Adjustments(lut=identity(2)), Adjustments(lut=identity(2), lut_type="conversion"))
     )
     plain = planes_to_linear(frame.planes, frame.format, signal_of(frame.format, NEUTRAL))
-    np.testing.assert_allclose(native, plain, atol=1e-5)  # codes of float32, where PQ is steep
+    np.testing.assert_allclose(native, plain, atol=1e-5)  # float32 codes, where PQ is steep
     ordinary = yuv_frame(np.random.default_rng(1), (8, 12), matrix="bt2020", depth=10).format
     expected = planes_to_linear(frame.planes, ordinary, signal_of(ordinary))
     np.testing.assert_allclose(conversion, expected, atol=1e-6)

@@ -1,4 +1,4 @@
-"""Where a show is, from machine to machine: real sockets, clocks that differ, a wire that delays and loses."""
+"""The position of a show between machines: real sockets, clocks that differ, a network that delays and loses."""
 
 import socket
 import time
@@ -12,7 +12,7 @@ from counterlight.unattended.clocks import LEAST, ClockOffset
 from counterlight.unattended.cues import MESSAGE, Beacon, Cue, Heard, Listener, read_address
 from tests.udp_proxy import wire
 
-PATIENCE_S = 20.0  # patience only
+PATIENCE_S = 20.0  # never reached in a passing test
 CUE = Cue(3, 12.5, 99.0, 1.5, False, True)
 
 
@@ -26,7 +26,7 @@ def wait_for(heard: Callable[[], Heard | None], told: Callable[[Heard], bool] = 
 
 @pytest.mark.parametrize("ahead_s", [0.0, -7000.0, 1e8])
 def test_the_quickest_round_trips_say_how_far_a_clock_is_ahead(rng: np.random.Generator, ahead_s: float) -> None:
-    """Bursts of up to 80 ms each way on 1 ms: within half of a quick round trip, whatever the bursts' median."""
+    """With bursts of up to 80 ms each way on 1 ms, the error is at most half of a quick round trip."""
     clock, asked_s = ClockOffset(), 50.0
     for n in range(64):
         there_s, back_s = 1e-3 * rng.uniform(1, 1.2, 2) + (rng.uniform(0, 0.08, 2) if n % 2 else 0)
@@ -35,7 +35,7 @@ def test_the_quickest_round_trips_say_how_far_a_clock_is_ahead(rng: np.random.Ge
     assert clock.seconds is not None
     assert clock.round_trip_s is not None
     assert clock.round_trip_s < 3e-3
-    assert abs(clock.seconds - ahead_s) <= clock.round_trip_s / 2 + 1e-6  # float64 beside 1e8 s
+    assert abs(clock.seconds - ahead_s) <= clock.round_trip_s / 2 + 1e-6  # float64 at 1e8 s
 
 
 def test_nothing_is_said_of_a_clock_before_enough_is_known() -> None:
@@ -77,7 +77,7 @@ def test_over_a_bad_wire_the_clock_is_right_within_half_a_round_trip() -> None:
 
 
 def test_a_leader_that_falls_silent_and_another_that_comes_are_noticed() -> None:
-    """Another process, another clock: what was known of the old one's is forgotten."""
+    """Another process has another clock, so the old clock's offset is dropped."""
     first = Beacon(("127.0.0.1", 0))
     listener = Listener(first.address)
     try:
@@ -132,7 +132,8 @@ def test_answers_of_others_or_without_sense_are_not_taken(rng: np.random.Generat
                 question, follower = leader.recvfrom(2048)
                 number = MESSAGE.unpack(question)[3]
                 for wrong in (
-                    MESSAGE.pack(b"CLc1", 2, 1, number + 1, 0, 1.0, 0, 1.0, 1.0, 1.0),  # nobody asked
+                    # the answer to a question that was not asked
+                    MESSAGE.pack(b"CLc1", 2, 1, number + 1, 0, 1.0, 0, 1.0, 1.0, 1.0),
                     MESSAGE.pack(b"CLc1", 2, 1, number, 0, nan, 0, 1.0, 1.0, 1.0),
                     rng.bytes(MESSAGE.size),
                     b"CLc1",

@@ -1,4 +1,4 @@
-"""Damage in the middle of a medium: an error for files that are rendered, a frame held and one line for a show."""
+"""Damage in the middle of a medium: an error when rendering files; a held frame and one line in a show."""
 
 import re
 from pathlib import Path
@@ -15,12 +15,12 @@ COUNT, KEY = 40, 10  # pictures, and how far apart key frames are
 
 
 def shown(path: Path, limit: int = 1000, **options: bool) -> tuple[list[tuple[int, int]], list[str]]:
-    """(index, number in the picture) of the frames that a tolerant reader gives, and its notices."""
+    """Frames of a tolerant reader as (index, number in the picture), and its notices."""
     found: list[tuple[int, int]] = []
     with MediaReader.open(path, tolerant=True, **options) as reader:
         while len(found) < limit and (frame := reader.next_frame(TIMEOUT_S)) is not None:
             found.append((frame.index, number(frame.planes)))
-            assert round(frame.time_s * 25) == frame.index  # what was left out leaves its time
+            assert round(frame.time_s * 25) == frame.index  # skipped frames keep their time
             reader.release(frame)
         return found, reader.notices()
 
@@ -37,7 +37,8 @@ def test_the_frames_around_the_damage_are_shown_and_one_line_says_so(name: str, 
     numbers = dict(found)
     lost = set(range(COUNT)) - numbers.keys()
     assert 2 * KEY in lost
-    assert lost <= set(range(2 * KEY - 2, 3 * KEY))  # up to the next key frame, and two that lean on the lost one
+    # up to the next key frame, and two frames that depend on the lost frame
+    assert lost <= set(range(2 * KEY - 2, 3 * KEY))
     assert all(numbers[index] == index % 25 for index in numbers if index < 2 * KEY - 2 or index >= 3 * KEY)
     (notice,) = notices
     assert f"{path}: frame" in notice

@@ -1,4 +1,4 @@
-"""Films decoded by a GPU, where there is one, and by the processor where not: the same pictures, and a line."""
+"""Films decoded by a GPU, or by the processor without a GPU: the same pictures, with one line of explanation."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ FRAMES = 30
 
 
 def pictures(medium: Path, hwdec: str) -> tuple[list[np.ndarray], list[float], list[str]]:
-    """Y, Cb and Cr of the first frames and of one behind a seek, their times, and what was said."""
+    """Y, Cb and Cr of the first frames and of a frame after a seek, their times, and the notices."""
     shown, times = [], []
     with MediaReader.open(medium, hwdec=hwdec) as reader:
         for number in range(FRAMES + 1):
@@ -39,7 +39,7 @@ def by_the_processor() -> tuple[list[np.ndarray], list[float], list[str]]:
 def test_whatever_decodes_the_pictures_are_the_same(
     hwdec: str, by_the_processor: tuple[list[np.ndarray], list[float], list[str]]
 ) -> None:
-    """H.264 is exact. Where a device is there it decodes, and says nothing."""
+    """H.264 is exact. An available device decodes without a notice."""
     shown, times, said = pictures(CLIP, hwdec)
     assert times == by_the_processor[1]
     for found, expected in zip(shown, by_the_processor[0], strict=True):

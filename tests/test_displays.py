@@ -1,4 +1,4 @@
-"""Several projectors: their raster, joint transport and map, and what cannot be joined."""
+"""Several projectors: their raster, joint transport and map, and rooms that cannot be joined."""
 
 from dataclasses import replace
 from functools import partial
@@ -30,12 +30,12 @@ POSITION = "position = [0.6, 0.2, 2.1]"  # the projector of the scene `wall`
 
 
 def pictures(drive: np.ndarray, regions: tuple[Region, ...]) -> list[np.ndarray]:
-    """Each projector's picture out of a raster (height, width, 3)."""
+    """Split a raster (height, width, 3) into the projectors' pictures."""
     return [drive[top : top + height, left : left + width] for left, top, width, height in regions]
 
 
 def simulated(folder: Path, scene: str, old: str, new: str, *sizes: str) -> list[Path]:
-    """A shipped scene, and the same with its projector elsewhere, as calibrations."""
+    """Write calibrations of a shipped scene and of the same scene with its projector elsewhere."""
     text = (SCENES / f"{scene}.toml").read_text()
     assert old in text
     rooms = []
@@ -49,7 +49,7 @@ def simulated(folder: Path, scene: str, old: str, new: str, *sizes: str) -> list
 
 @pytest.mark.parametrize("scene", ["wall", "corner"])
 def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Generator, scene: str) -> None:
-    """Near light alone (wall), and far light as well (corner)."""
+    """With near light only (wall), and with far light (corner)."""
     old = next(line for line in (SCENES / f"{scene}.toml").read_text().splitlines() if line.startswith("position"))
     rooms = simulated(tmp_path, scene, old, old.replace("[0.6", "[-0.5").replace("[0.0", "[0.1"), "24x20", "31x13")
     stored = calibration.read(join(rooms, tmp_path / "joint", "--monitor", "HDMI-1", "--monitor", "DP-2"))
@@ -60,19 +60,19 @@ def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Ge
     transport, parts = read_transport(stored), [read_transport(calibration.read(room)) for room in rooms]
     assert (transport.far is not None) == (scene == "corner")
     if transport.far is not None and parts[0].far is not None:
-        assert transport.far.cells == parts[0].far.cells  # the same cards, whoever lights them
+        assert transport.far.cells == parts[0].far.cells  # the same cells for every projector
     drive = rng.uniform(size=(*joint.projector.shape, 3))
     lit = zip(parts, pictures(drive, joint.regions), strict=True)
     expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)
     found = transport.apply(drive.reshape(-1, 3))
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * expected.max())  # the stored factors are float32
     below = channel(transport.near, 0).sum(axis=0).reshape(joint.projector.shape)[13:, 24:]
-    assert below.max() == 0  # beside the lower projector nothing is lit
+    assert below.max() == 0  # nothing is lit below the second projector, which is lower
 
 
 @pytest.mark.parametrize("method", ["clustered", "windowed"])
 def test_a_projector_beside_its_copy_gives_half_of_the_light(tmp_path: Path, method: str) -> None:
-    """[T T]⁺ = ½ [T⁺; T⁺], and so it is damped: the largest singular value, which λ is relative to, grows by √2."""
+    """Damping keeps [T T]⁺ = ½ [T⁺; T⁺], because λ is relative to the largest singular value, which grows by √2."""
     room = calibration.read(write_halves(tmp_path)[0])
     single, shape, mask = read_transport(room), room.calibration.projector.shape, room.calibration.mask
     twice = join_transports([single, single], [shape, shape])
@@ -87,11 +87,11 @@ def test_a_projector_beside_its_copy_gives_half_of_the_light(tmp_path: Path, met
     alone, together = rows(single, shape), rows(twice, (shape[0], 2 * shape[1]))
     for half in (together[:, : shape[1]], together[:, shape[1] :]):
         difference = np.abs(half - alone / 2).sum(axis=2).max()
-        assert difference < 0.5 / 255  # drive, for light of 1: truncation and windows leave that much in each
+        assert difference < 0.5 / 255  # of drive, for light of 1: truncation and windows lose this much in each
 
 
 def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path) -> None:
-    """Asked for more light than either has: PSNR over the overlap, of the camera's predicted picture."""
+    """For a target brighter than either projector reaches: PSNR in the overlap, of the camera's predicted picture."""
     rooms = simulated(tmp_path, "wall", POSITION, POSITION.replace("0.6", "-0.5"), "24x20", "24x20")
     joint = join(rooms, tmp_path / "joint")
     stored = [calibration.read(room) for room in (*rooms, joint)]
@@ -160,7 +160,7 @@ def test_joint_rooms_are_joined_in_turn(tmp_path: Path, rng: np.random.Generator
 
 
 def test_each_projector_keeps_its_own_response(tmp_path: Path) -> None:
-    """The raster's codes, sent through each projector's own response, are the drive that was asked for."""
+    """The raster's codes, converted by each projector's own response, equal the requested drive."""
     joint = join(write_halves(tmp_path, right_response="linear"), tmp_path / "joint")
     room = calibration.read(joint).calibration
     assert [device.response.kind for device in room.projectors] == ["srgb", "linear"]
@@ -195,7 +195,7 @@ def test_what_cannot_be_joined(tmp_path: Path) -> None:
 
 
 def test_a_raster_too_wide_for_a_picture_goes_on_below() -> None:
-    """Ten projectors of 1920 pixels: eight, and two below them; pixels that nobody has light nothing."""
+    """Ten projectors of 1920 pixels: eight, and two below them. Raster pixels without a projector light nothing."""
     shape, regions = side_by_side([(1080, 1920)] * 9 + [(1200, 1600)])
     assert shape == (2400, 15360)
     assert regions[7:] == (Region(13440, 0, 1920, 1080), Region(0, 1200, 1920, 1080), Region(1920, 1200, 1600, 1200))
@@ -218,7 +218,7 @@ def test_a_file_holds_the_raster(tmp_path: Path) -> None:
 
 
 def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
-    """A raster of the same size that is cut elsewhere is refused: the windows are what they are."""
+    """A raster of the same size with other regions is refused, because the windows cannot change."""
     left, right = write_halves(tmp_path)
     room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
     succeed("build", room, *options)

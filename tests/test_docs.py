@@ -1,4 +1,4 @@
-"""Pages of docs/: one a task, walked as a reader would; the index reaches all of them, and no link leads nowhere."""
+"""Pages of docs/: each task is walked as a reader would, the index reaches all pages, and no link is dead."""
 
 import os
 import re
@@ -37,14 +37,15 @@ def test_who_has_a_matrix_gets_pictures(tmp_path: Path, monkeypatch: pytest.Monk
         done = command(verb, *arguments)
         assert done.returncode == 0, done.stderr
         quality = re.search(r"camera PSNR ([\d.]+) dB", done.stdout)
-        assert "--view" not in arguments or (quality and float(quality[1]) > 35), done.stdout  # wallpaper is gone
+        # the wallpaper is invisible
+        assert "--view" not in arguments or (quality and float(quality[1]) > 35), done.stdout
     assert cv2.imread("drive.png").shape == (18, 24, 3)
     assert cv2.imread("seen.png").shape == (24, 32, 3)
 
 
 @contextmanager
 def bridge(number: int, folder: Path, *words: object) -> Iterator[tuple[socket.socket, int]]:
-    """A script of docs/remote.md: what it sends arrives at the socket that is yielded, Art-Net at the port."""
+    """Run a script of docs/remote.md; yield the socket that receives its messages, and its Art-Net port."""
     script = re.findall(r"```python\n(.*?)```", (DOCS / "remote.md").read_text(), re.DOTALL)[number]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
         heard.bind(("127.0.0.1", 0))
@@ -62,7 +63,7 @@ def told(heard: socket.socket) -> tuple[str, float]:
 
 
 def test_a_midi_desk_commands_the_show(tmp_path: Path) -> None:
-    """A fader, running status with a clock in between, a note that is no fader, another channel's fader."""
+    """The desk sends a fader, running status with a clock in between, a note, and a fader of another channel."""
     os.mkfifo(tmp_path / "desk")
     with bridge(0, tmp_path, tmp_path / "desk") as (heard, _), (tmp_path / "desk").open("wb", buffering=0) as desk:
         desk.write(bytes([0xB0, 1, 127, 2, 0xF8, 0, 0x90, 1, 100, 0xC0, 5, 0xB3, 99, 3, 64, 127]))
@@ -70,7 +71,7 @@ def test_a_midi_desk_commands_the_show(tmp_path: Path) -> None:
 
 
 def test_a_lighting_desk_commands_the_show(tmp_path: Path) -> None:
-    """Only what changes of a universe is passed on; other universes and other packets are not."""
+    """Changes of the universe are forwarded; other universes and other packets are not."""
 
     def dmx(universe: int, *levels: int) -> bytes:
         head = b"Art-Net\0" + bytes([0, 0x50, 0, 14, 0, 0]) + universe.to_bytes(2, "little")
@@ -108,7 +109,7 @@ def test_no_link_leads_nowhere(page: Path) -> None:
 
 
 def tables(text: str) -> Iterator[tuple[int, list[str]]]:
-    """The first line's number, and the lines, of what looks like a table outside of code."""
+    """Yield the tables outside code blocks: number of the first line, and the lines."""
     code, lines = False, list[str]()
     for number, line in enumerate([*text.splitlines(), ""], 1):
         code ^= line.lstrip().startswith("```")
@@ -121,7 +122,7 @@ def tables(text: str) -> Iterator[tuple[int, list[str]]]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_tables_are_whole(page: Path) -> None:
-    """A head, a rule below it, and as many cells in each row: an empty line between rows makes text of the rest."""
+    """Each table has a head, a rule below it, and equal cells per row; an empty line would turn the rest into text."""
     for number, lines in tables(page.read_text()):
         where = f"{page.name}:{number}"
         assert len(lines) > 2, where
@@ -132,7 +133,7 @@ def test_tables_are_whole(page: Path) -> None:
 
 @pytest.fixture(scope="module")
 def defaults() -> dict[str, set[str]]:
-    """What is true of each option, over all verbs: its default, and what its help calls the default."""
+    """Defaults of each option over all verbs, from the parser and from the help text."""
     found: dict[str, set[str]] = {}
     for verb in VERBS:
         for action in parser_of(verb)._actions:
@@ -148,7 +149,7 @@ def defaults() -> dict[str, set[str]]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_defaults_are_those_of_the_commands(page: Path, defaults: dict[str, set[str]]) -> None:
-    """Of `--option VALUE` (default X), and of `--option X`, the default."""
+    """Check defaults in the forms `--option VALUE` (default X), and `--option X`, the default."""
     text = re.sub(r"\s+", " ", page.read_text())
     stated = re.findall(r"`(--[a-z0-9-]+)[^`]*` \(default ([-\w.]*\w)", text)
     stated += re.findall(r"`(--[a-z0-9-]+) ([-\w.]+)`, the default", text)
@@ -158,6 +159,6 @@ def test_defaults_are_those_of_the_commands(page: Path, defaults: dict[str, set[
 
 
 def test_pages_state_defaults() -> None:
-    """Without them, the test above would look at nothing."""
+    """Without stated defaults, the test above would check nothing."""
     text = " ".join(page.read_text() for page in PAGES)
     assert len(re.findall(r"`--tolerance DB` \(default 0\.\d", text)) >= 4

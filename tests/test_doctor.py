@@ -1,4 +1,4 @@
-"""counterlight doctor as a user runs it, and the lines that install system packages."""
+"""counterlight doctor as a user runs it, and the command lines that install system packages."""
 
 import json
 import os
@@ -68,7 +68,7 @@ def test_without_opengl_the_doctor_names_the_fix(tmp_path: Path) -> None:
 
 def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_path: Path) -> None:
     hidden = tmp_path / "sitecustomize.py"
-    hidden.write_text("import sys\nsys.modules |= {'OpenEXR': None, 'tqdm': None}\n")  # as a broken installation
+    hidden.write_text("import sys\nsys.modules |= {'OpenEXR': None, 'tqdm': None}\n")  # like a broken installation
     outcome = doctor("--json", **NO_SCREEN, PYTHONPATH=str(tmp_path))
     assert outcome.returncode == BAD_INPUT
     findings = {finding["subject"]: finding for finding in json.loads(outcome.stdout)["findings"]}

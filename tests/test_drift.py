@@ -1,4 +1,4 @@
-"""A drift kept with a calibration: what it does to a drive, and what of its file is refused."""
+"""Drift stored with a calibration: its effect on a drive, and refusals of its file."""
 
 import re
 from dataclasses import replace
@@ -113,9 +113,9 @@ def test_a_whole_pixel_is_moved_exactly_and_each_projector_within_its_own_pictur
     shown = moved(drive, Drift((moved_by(2, -1), Moved.nothing())).table(REGIONS))
     expected = np.zeros_like(drive)
     expected[1:, :11] = drive[:-1, 2:13]
-    expected[1:, 11], expected[1:, 12] = drive[:-1, 11], 0.75 * drive[:-1, 10]  # beyond, a mirror that fades
+    expected[1:, 11], expected[1:, 12] = drive[:-1, 11], 0.75 * drive[:-1, 10]  # outside, a fading mirror image
     expected[0, :13] = np.array([1] * 12 + [0.75])[:, None] * drive[1, [*range(2, 13), 11, 10]]
-    expected[:5, 13:] = drive[:5, 13:]  # below the lower projector nothing is shown
+    expected[:5, 13:] = drive[:5, 13:]  # nothing is shown below the second projector, which is lower
     np.testing.assert_allclose(shown, expected, atol=1e-6)  # the table is float32
 
 
@@ -141,7 +141,7 @@ def test_light_that_clips_is_full_drive_and_a_dimmed_lamp_is_asked_for_more() ->
 
 
 def test_what_is_shown_arrives_as_it_was_meant() -> None:
-    """Waves of 24 pixels: parabolas are exact between pixels, so that what is left goes with (2π/24)³, twice."""
+    """Waves of 24 pixels. Interpolation is exact for parabolas, so the error is of order (2π/24)³, twice."""
     N = np.array([[1.004, 0.01, 0.4], [-0.008, 0.997, 0.7], [1e-5, -2e-5, 1]])
     drift = Drift((Moved(N, np.array([0.9, 0.95, 1.0])),))
     region = (Region(0, 0, 96, 72),)
@@ -153,7 +153,7 @@ def test_what_is_shown_arrives_as_it_was_meant() -> None:
 
 
 def test_identity_changes_no_bit_of_what_is_shown(rng: np.random.Generator) -> None:
-    """Nor does it cost a pass."""
+    """An identity drift also costs no pass."""
     plain, frame = random_room(rng, far=False), yuv_frame(rng, (9, 15))
     room = replace(plain, drift=Drift((Moved.nothing(),), None, "nothing has changed"))
     shown = []
@@ -194,5 +194,5 @@ def test_a_room_is_read_with_its_drift_and_maps_that_are_built_again_keep_it(roo
     assert after.drift is not None
     assert after.drift.moves
     np.testing.assert_array_equal(after.calibration.ambient, now)
-    assert after.white == pytest.approx(0.9 * before.white)  # most of the room can reach no more
+    assert after.white == pytest.approx(0.9 * before.white)  # most of the room reaches no more light
     assert read_room(room.folder, 0.3).white == 0.3

@@ -1,4 +1,4 @@
-"""OpenEXR files: exact, of several kinds, and refused by what they claim before the library decodes them."""
+"""OpenEXR files: exact in several kinds; false headers are refused before the library decodes anything."""
 
 import struct
 from pathlib import Path
@@ -31,7 +31,7 @@ def test_exr_pictures_are_exact(tmp_path: Path, rng: np.random.Generator) -> Non
 
 
 def test_windows_are_honoured(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Data of 4x3 pixels at (2, 1) of a display of 7x6 that begins at (1, 1)."""
+    """Data of 4x3 pixels at (2, 1), in a display window of 7x6 pixels that begins at (1, 1)."""
     picture = rng.normal(size=(3, 4)).astype(np.float32)
     windows = {"dataWindow": ((2, 1), (5, 3)), "displayWindow": ((1, 1), (7, 6))}
     window = {name: tuple(np.array(corner, np.int32) for corner in corners) for name, corners in windows.items()}
@@ -44,7 +44,7 @@ def test_windows_are_honoured(tmp_path: Path, rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("compression", ["NO", "RLE", "ZIPS", "ZIP", "PIZ"])
 def test_tiles_and_parts_are_read(tmp_path: Path, rng: np.random.Generator, compression: str) -> None:
-    """Of several parts the first."""
+    """Files with several parts give the first part."""
     rgb = {name: rng.normal(size=(40, 50)).astype(np.float32) for name in "RGB"}
     header = {"compression": getattr(OpenEXR, f"{compression}_COMPRESSION"), "type": OpenEXR.scanlineimage}
     tiled = header | {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
@@ -62,7 +62,7 @@ def test_tiles_and_parts_are_read(tmp_path: Path, rng: np.random.Generator, comp
 def test_plain_files_are_exact_for_us_and_for_the_library(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, piece: int
 ) -> None:
-    """In pieces of a line, of two lines and of all. The names are not in the order in which a file has them."""
+    """Files are read in pieces of one line, two lines and all lines. The channels are not in the file's order."""
     monkeypatch.setattr(exr_lines, "PIECE_BYTES", piece)
     picture = rng.normal(size=(7, 5, 4)).astype(np.float32)
     picture[0, 0] = [np.float32(1e-45), -0.0, np.inf, 3.4e38]
@@ -81,7 +81,7 @@ def test_plain_files_are_exact_for_us_and_for_the_library(
 
 
 def test_plain_files_that_others_wrote_are_read_the_same(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Uncompressed by the library: in our layout, from the bottom, in half precision, and mixed."""
+    """The library writes uncompressed files: in the product's layout, bottom up, in half precision, and mixed."""
     rgb = {name: rng.normal(size=(5, 4)).astype(np.float32) for name in "RGB"}
     halves = {name: values.astype(np.float16) for name, values in rgb.items()}
     header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -95,7 +95,7 @@ def test_plain_files_that_others_wrote_are_read_the_same(tmp_path: Path, rng: np
 
 
 def test_damaged_plain_files_are_refused_in_one_line(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Without a checksum: ends that are missing, lines that say they are others, and a table that leads elsewhere."""
+    """Without a checksum: missing ends, lines with wrong numbers, and a table with wrong offsets."""
     exr.write_plain(tmp_path / "p.exr", {"Y": rng.normal(size=(9, 6)).astype(np.float32)})
     content = (tmp_path / "p.exr").read_bytes()
     line = 8 + 6 * 4
@@ -104,12 +104,12 @@ def test_damaged_plain_files_are_refused_in_one_line(tmp_path: Path, rng: np.ran
         (tmp_path / "p.exr").write_bytes(content[:-missing])
         with pytest.raises(InputError, match=r"^\S+p\.exr: [^\n]+; export it again$"):
             exr.read_rgb(tmp_path / "p.exr")
-    for at in (first, first + 4, first + 8 * line):  # y and bytes of the first line, y of the last one
+    for at in (first, first + 4, first + 8 * line):  # y and byte count of the first line, y of the last line
         (tmp_path / "p.exr").write_bytes(content[:at] + b"\x63" + content[at + 1 :])
         with pytest.raises(InputError, match=r"^\S+p\.exr: not a readable .*lines from 0 on are not in their places"):
             exr.read_rgb(tmp_path / "p.exr")
     (tmp_path / "p.exr").write_bytes(content[: first - 8] + b"\xff" * 8 + content[first:])
-    found = exr.read_rgb(tmp_path / "p.exr")  # left to the library, which finds the lines without a table
+    found = exr.read_rgb(tmp_path / "p.exr")  # passed to the library, which finds the lines without a table
     (tmp_path / "p.exr").write_bytes(content)
     np.testing.assert_array_equal(found, exr.read_rgb(tmp_path / "p.exr"))
 
@@ -138,7 +138,7 @@ def tiles(width: int, height: int) -> bytes:
 def exr_file(
     listed: bytes, side: int = 8, more: bytes = b"", flags: int = 0, *, data: bytes | None = None, body: int = 4096
 ) -> bytes:
-    """A header of a square picture, and zeros."""
+    """Header of a square picture, followed by zeros."""
     square = window("displayWindow", 0, 0, side - 1, side - 1)
     data = window("dataWindow", 0, 0, side - 1, side - 1) if data is None else data
     header = listed + attribute("compression", "compression", bytes([ZIP])) + square + data + more
@@ -218,7 +218,7 @@ def test_a_picture_larger_than_memory_is_refused(tmp_path: Path, monkeypatch: py
 
 
 def test_damaged_pixels_are_told_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """The library's own words go nowhere else: neither Python's output nor the process's."""
+    """The library's own messages appear neither in Python's output nor in the process's."""
     ramp = np.linspace(0, 1, 3 * 99 * 99, dtype=np.float32).reshape(99, 99, 3)
     exr.write_rgb(tmp_path / "p.exr", ramp)
     content = (tmp_path / "p.exr").read_bytes()
@@ -231,7 +231,7 @@ def test_damaged_pixels_are_told_in_one_line(tmp_path: Path, capfd: pytest.Captu
 
 @pytest.mark.parametrize("path", sorted(HOSTILE.rglob("*.exr")) or [HOSTILE], ids=lambda path: path.name)
 def test_hostile_exr_files_are_read_or_refused_in_one_line(path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Where the shared files are; without them the folder's own name, which is no EXR file either, is refused."""
+    """Read the shared hostile files if they exist, and otherwise the folder's name, which is no EXR file."""
     complaint = ""
     try:
         assert exr.read_rgb(path).ndim == 3

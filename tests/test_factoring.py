@@ -1,4 +1,4 @@
-"""A dense T as near light and factors: closed forms, what pictures lose by the box optimum, and what is left alone."""
+"""Factors a dense T into near light and factors: closed forms, losses at the box optimum, and T that stays as it is."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from tests.programs import fail, succeed
 from tests.rooms import blurred_transport
 
 DARK = np.zeros((*CAMERA, 3))
-FLOAT32 = 3e-6  # of T·1: float32 entries, a few hundred of them in a row
+FLOAT32 = 3e-6  # relative to T·1: float32 entries, a few hundred per row
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_nodes_share_a_pixel_and_keep_what_is_linear() -> None:
     rows, columns = (((np.arange(n) + 0.5) * 4).reshape(shape) for n, shape in ((3, (3, 1)), (5, (1, 5))))
     y, x = ((np.arange(n) + 0.5) for n in (12, 20))
     found = (Phi @ (2 * rows - 3 * columns).ravel()).reshape(12, 20)
-    inside = np.ix_((y > 2) & (y < 10), (x > 2) & (x < 18))  # beyond the outer nodes it is level
+    inside = np.ix_((y > 2) & (y < 10), (x > 2) & (x < 18))  # constant beyond the outer nodes
     np.testing.assert_allclose(found[inside], (2 * y[:, None] - 3 * x)[inside], rtol=0, atol=1e-12)
 
 
@@ -74,11 +74,12 @@ def test_light_between_textured_surfaces_is_found_and_sharp_light_stays_near(rng
     T = transport([sharp + tint * glow for tint in (1.0, 0.5, 0.8)])
     found, done = factored(T, DARK)
     assert done.losses, done.reason
-    assert done.near == SHAPE[0]  # one entry a camera pixel
+    assert done.near == SHAPE[0]  # one entry per camera pixel
     assert done.before == SHAPE[0] * SHAPE[1]
     np.testing.assert_allclose(found.composition(), T.composition(), rtol=FLOAT32)
     expected, seen = dense(T), dense(found)
-    # Under the four entries about each sharp one, of 432, the model stands for what is hidden: guessed three times.
+    # The model replaces the hidden light below the four entries around each sharp entry, of 432; it is estimated 3
+    # times.
     assert np.linalg.norm(seen - expected) <= 0.02 * np.linalg.norm(glow)
 
 
@@ -98,14 +99,14 @@ def test_pictures_lose_by_the_box_optimum_what_was_said(corner: Transport) -> No
             )
             for T in (corner, found)
         )
-        # The solver's gap of 1e-4 is 0.001 dB; what is said is measured after a fixed number of steps.
+        # The solver's gap of 1e-4 is 0.001 dB; the reported loss is measured after a fixed number of steps.
         assert by_T - by_factors <= done.losses[name] + 0.01
         assert by_T - by_factors <= 0.11
 
 
 def test_a_mask_by_near_light_leaves_out_what_far_light_alone_reaches(rng: np.random.Generator) -> None:
     sharp = direct(rng)
-    unlit = np.arange(SHAPE[0]) % CAMERA[1] < 8  # the left quarter of the view is beside the projector's beam
+    unlit = np.arange(SHAPE[0]) % CAMERA[1] < 8  # the left quarter of the view lies outside the projector's beam
     sharp[unlit] = 0
     T = transport([sharp + textured_glow(rng, 0.5)] * 3)
     assert directly_lit(T, DARK, projector_of(T)).ravel()[unlit].any()
@@ -136,7 +137,7 @@ def test_wide_light_below_far_light_stays_as_it_is(rng: np.random.Generator) -> 
     found, done = factored(transport([blur + textured_glow(rng)] * 3), DARK)
     assert done.losses, done.reason
     near = channel(found.near, 0).toarray()
-    # Of the blur's rim little is left out: what is below a sixteenth of a row's far light.
+    # Little of the blur's rim is dropped: entries below a sixteenth of a row's far light.
     assert np.linalg.norm(near - blur) <= 0.1 * np.linalg.norm(blur)
 
 
@@ -162,12 +163,12 @@ def test_noise_of_a_measurement_becomes_no_texture(rng: np.random.Generator) -> 
     assert done.losses, done.reason
     far = sharp == 0
     away, nearer = (np.linalg.norm((dense(each)[0] - glow)[far]) for each in (T, found))
-    # A texture is a mean over hundreds of entries: 0.3 / √432 and 0.3 / √768 of it are 0.018 of what 0.3 was.
+    # A texture is a mean over hundreds of entries: 0.3 / √432 and 0.3 / √768 of it are 0.018 of the original 0.3.
     assert nearer < 0.2 * away
 
 
 def test_far_light_that_is_known_already_is_factored_anew(rng: np.random.Generator) -> None:
-    """As an acquisition leaves it: a hundred cells, each seen by every camera pixel, and faint entries beside."""
+    """Acquired far light has a hundred cells, each seen by every camera pixel, and faint entries."""
     cells = 108
     labels = np.arange(SHAPE[1]) * cells // SHAPE[1]
     D = sparse.csr_array((np.full(SHAPE[1], 4 / SHAPE[1]), (labels, np.arange(SHAPE[1]))), shape=(cells, SHAPE[1]))
@@ -293,7 +294,8 @@ def test_what_one_pass_says_of_all_limits_is_what_each_split_misses(
     beside = np.zeros((corner.shape[0], 3, 3))
     for limit in (16.0, 64.0, 256.0):
         made = split(rows, replace(model, limit=limit))
-        met = made.near.lengths < rows.near.lengths  # the others keep all entries: the model does not meet their light
+        # the others keep all entries, because the model does not reach their light
+        met = made.near.lengths < rows.near.lengths
         assert met.mean() > 0.5
         kept, squares = passes.missed(
             *passes.operands(rows.near), True, LIMITS, *model.textures, *model.grids, ones, beside, met
@@ -337,7 +339,7 @@ def test_the_far_light_of_a_model_is_its_formula(rng: np.random.Generator) -> No
 
 
 def write_matrices(folder: Path, T: Transport) -> list[str]:
-    """Files as somebody else's program leaves them; the options that name them."""
+    """Write matrices as another program would; returns the options that name them."""
     for name, matrix in zip(CHANNELS, channels(T.near), strict=True):
         sparse.save_npz(folder / f"{name}.npz", matrix)
     assert T.camera is not None
@@ -360,7 +362,7 @@ def test_an_imported_corner_is_factored_built_and_played(tmp_path: Path, corner:
     assert transports["factored"].far is not None
     mask = rooms["factored"].calibration.mask
     assert mask.any()
-    assert (mask & ~rooms["dense"].calibration.mask).mean() < 0.01  # its rim, of which far light hid that it is whole
+    assert (mask & ~rooms["dense"].calibration.mask).mean() < 0.01  # the rim, whose footprints far light hides
     picture = tmp_path / "picture.exr"
     white = reachable_white(corner.floodlight(in_the_dark(corner)), mask)
     desired = 0.6 * white * np.repeat(typical_pictures(mask.shape)[0][..., None], 3, axis=2) + 0.1 * white
@@ -373,7 +375,7 @@ def test_an_imported_corner_is_factored_built_and_played(tmp_path: Path, corner:
         succeed("play", tmp_path / name, picture, "--no-config", "--refine", "64", "--output", view, "--view", "camera")
         p = exr.read_rgb(drive).astype(np.float64)
         seen[name] = corner.apply(p).reshape(desired.shape)
-        # What the player predicts by the factors is what T makes of the drive, to what was left out.
+        # The player's prediction from the factors equals T times the drive, up to the dropped light.
         assert camera_psnr(seen[name], exr.read_rgb(view), mask, white) > 40
     by_dense, by_factors = (camera_psnr(desired, seen[name], mask, white) for name in ("dense", "factored"))
     assert by_factors >= by_dense - 0.1

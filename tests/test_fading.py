@@ -1,4 +1,4 @@
-"""The end of a show, fades and crossfades, on a made-up clock; gl/test_fading.py has the pictures."""
+"""The end of a show, fades and crossfades, on a fake clock; gl/test_fading.py checks the pictures."""
 
 import pytest
 
@@ -66,7 +66,7 @@ def test_a_last_medium_that_fails_leaves_black_on_a_filled_screen() -> None:
     stage.advance(60.0)
     assert not stage.session.done
     assert is_black(stage)
-    assert stage.session.stats.notices == ["x: gone"]  # once: the list has played, and nothing comes again
+    assert stage.session.stats.notices == ["x: gone"]  # once: the list has ended, and nothing follows
     assert stage.begun == ["a", "x"]
 
 
@@ -84,7 +84,7 @@ def test_light_fades_at_the_start_at_the_end_and_for_blackout() -> None:
     stage.advance(0.75)
     assert stage.screen.fades[-1][0] == pytest.approx(0.25, abs=0.02)
     assert not is_black(stage)
-    assert len(stage.screen.steps) > drawn + 50  # a picture that stands still is drawn again
+    assert len(stage.screen.steps) > drawn + 50  # a still picture is drawn again
     stage.advance(0.5)
     assert is_black(stage)
     stage.commands.set("blackout", False)
@@ -112,7 +112,7 @@ def test_two_media_play_at_once_while_one_fades_into_the_other() -> None:
     stage = Stage(Reader("a", count=100), Reader("b", count=100), crossfade_s=1.0)
     stage.advance(2.9)
     assert (stage.commands.get("path"), stage.screen.uploaded_before) == ("a", [])
-    stage.advance(0.6)  # 0.5 s of b, and of the last second of a
+    stage.advance(0.6)  # 0.5 s of b, within the last second of a
     assert stage.commands.get("path") == "b"
     assert stage.screen.fades[-1] == (1.0, pytest.approx(0.5, abs=0.06))
     assert stage.screen.uploaded_before == list(range(76, 76 + len(stage.screen.uploaded_before)))

@@ -1,4 +1,4 @@
-"""make figures: every row points to figures that its page has, and a figure that is another one is found."""
+"""make figures: every row names figures that its page contains, and detects a changed figure."""
 
 import re
 import time
@@ -73,7 +73,7 @@ def test_a_sentence_stands_once_on_its_page(row: Prose) -> None:
 
 @pytest.mark.parametrize("row", SAID, ids=lambda row: row.name)
 def test_a_sentence_says_what_a_table_says(row: Said) -> None:
-    """To the last digit, so that neither is changed without the other; and another table would say something else."""
+    """The sentence equals the table to the last digit, and differs from a changed table."""
     stated, text = row.stated(page(row)), page(row.of)
     assert differences(stated, row.follow(text), row.times, units=ROUNDING, share=0) == []
     changed = re.sub(r"(?m)^\|.*", lambda line: re.sub(r"\d", _other, line[0]), text)
@@ -85,7 +85,7 @@ def _other(digit: re.Match[str]) -> str:
 
 
 def tables_of_figures() -> Iterator[tuple[str, str, str]]:
-    """Page, header, and the page with other digits in that table alone; of tables that are a third numbers."""
+    """Yield page, header, and the page with other digits in one table, for tables of at least a third numbers."""
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         text = path.read_text(encoding="utf-8")
         for block in re.finditer(r"(?:^\|.*\n?)+", text, re.MULTILINE):
@@ -140,7 +140,7 @@ def test_tables_are_read_by_their_headers_and_blank_labels_repeat_what_is_above(
 
 
 def test_rows_are_called_by_the_cells_that_tell_them_apart() -> None:
-    """A figure that follows a name is compared, and is no part of the name."""
+    """A figure after a name is compared, and does not become part of the name."""
     table = "| case | error | way |\n|---|---|---|\n| wall | 1.7 | a |\n| target | 20 | a |\n"
     assert markdown("case")(table)["1: target, error"] == "20"
     again = markdown("case")(table.replace("20", "21"))
@@ -179,7 +179,7 @@ def test_tables_in_columns_are_read_by_first_words() -> None:
 
 
 def test_what_compensate_prints_is_what_its_page_says() -> None:
-    """The names of both sides meet: a command that printed the page's own figures would be right."""
+    """The names on both sides match: a command that printed the page's own figures would pass."""
     row = one_picture()
     stated = row.stated(page(row))
     head = ["solver", "RMSE %", "PSNR dB", "SSIM", "CIEDE2000", "clipped %", "seconds"]
@@ -254,7 +254,7 @@ def test_what_a_page_keeps_from_earlier_is_not_compared() -> None:
 
 
 def test_studies_that_draw_know_the_clock_of_their_context(gl_context: moderngl.Context) -> None:
-    """Where OpenGL runs on the processor, processor time; tests/bench and three studies ended here with an error."""
+    """Software OpenGL uses processor time; tests/bench and three studies failed here."""
     software = in_software(gl_context.info["GL_RENDERER"])
     assert clock_of(gl_context) is (time.process_time if software else time.perf_counter)
 
@@ -273,7 +273,7 @@ def test_a_command_that_fails_leaves_its_figures_unchecked(capsys: pytest.Captur
 
 
 def test_what_commands_print_and_write_is_compared_with_the_page(capsys: pytest.CaptureFixture[str]) -> None:
-    """Two programs of one line, one of which writes a file, against the README's first heading."""
+    """Two one-line programs, one of which writes a file, are compared with the README's first heading."""
     commands = 'python -c "print(12)"', "python -c \"open('f', 'w').write('Counterlight 7')\""
     row = Figures("README.md", commands, 1, pattern(name="# (Counterlight)"), pattern(name="(Counterlight)"), ("f",))
     assert list(told(row)) == []

@@ -1,4 +1,4 @@
-"""Disk full: every command, on file systems of every size that is too small, says so in one line and loses nothing."""
+"""Full disk: every command, on file systems of every insufficient size, fails in one line and loses nothing."""
 
 import itertools
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from tests.faults import Runner, can_mount, no_file_above, small_disk
 from tests.stage import Stage
 from tests.writing_commands import COMMANDS, PAGE, contents, furnish, is_whole, room_for, words_of, write_inputs
 
-TOO_SMALL = (0.0, 0.9), (0.5, 1.0)  # of what the output takes; the last leaves none for the lock
+TOO_SMALL = (0.0, 0.9), (0.5, 1.0)  # share of the output's size; the last leaves no space for the lock
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +34,9 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_on_a_disk_that_is_too_small_nothing_is_lost(
     name: str, shares: tuple[float, ...], room: Path, tmp_path: Path, runner: Runner
 ) -> None:
-    """Two sizes that are too small, then enough; the old outputs stay as they are until the new ones are whole.
+    """Two insufficient sizes, then enough; the old outputs stay unchanged until the new outputs are complete.
 
-    `make fuzz` takes every command through random sizes.
+    `make fuzz` tries random sizes for every command.
     """
     large, small = tmp_path / "large", tmp_path / "small"
     large.mkdir()

@@ -1,4 +1,4 @@
-"""The campaigns of tests/fuzz catch what they are there for: readers, commands and programs faulty on purpose."""
+"""The campaigns of tests/fuzz detect readers, commands and programs that are faulty on purpose."""
 
 import json
 import os
@@ -48,7 +48,7 @@ DEEDS: tuple[tuple[Callable[[], object], str], ...] = (
 
 
 class Faulty(FileCampaign):
-    """A reader that does in turn what no reader may; which turn it is, its input says."""
+    """Reader that does everything that readers may not do; its input selects the fault."""
 
     name, count, purpose, hang_s = "faulty", len(DEEDS), "for a test", 2.0
 

@@ -1,4 +1,4 @@
-"""k projectors, r cameras, colour: thesis eq. 4.1 to 4.8 as small dense systems, beside numpy's least squares."""
+"""k projectors, r cameras, colour: thesis eq. 4.1 to 4.8 as small dense systems, against numpy's least squares."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,18 @@ from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.joining_cameras import below_each_other
 from counterlight.tools.transport.transport import Transport
 
-PROJECTORS, CAMERAS = ((2, 3), (1, 4)), ((5, 6), (4, 3), (6, 7))  # (height, width), unequal so that a wrong place shows
+# (height, width), unequal so that a wrong position shows
+PROJECTORS, CAMERAS = ((2, 3), (1, 4)), ((5, 6), (4, 3), (6, 7))
 LINEAR = Response("linear")
 SYSTEMS = [(1, 1), (2, 1), (1, 2), (2, 3)]  # k, r
 
 
 class Systems:
-    """T of every projector to every camera, a primary; X of every camera pixel, channel by primary; e."""
+    """Random system of k projectors and r cameras.
+
+    T : per camera and projector, (primary, camera pixels, projector pixels).
+    X : per camera, (camera pixels, channel, primary).
+    """
 
     def __init__(self, rng: np.random.Generator, k: int, r: int, *, mixes: bool) -> None:
         self.projectors, self.cameras = PROJECTORS[:k], CAMERAS[:r]
@@ -27,12 +32,12 @@ class Systems:
             [rng.uniform(0, 1, (3, _pixels(c), _pixels(p))).astype(np.float32) for p in self.projectors]
             for c in self.cameras
         ]
-        # What the channels see of each primary is the paint's and the camera's, whichever projector sends it.
+        # The paint and the camera determine how channels see each primary, whichever projector sends it.
         self.X = [np.eye(3) + mixes * rng.uniform(0, 0.25, (_pixels(c), 3, 3)) for c in self.cameras]
         self.e = [rng.uniform(0, 0.1, (*c, 3)).astype(np.float32) for c in self.cameras]
 
     def room(self, number: int) -> tuple[Calibration, Transport]:
-        """What one camera measures: patterns of white light, floodlights of the primaries."""
+        """Measurement by one camera: patterns of white light, floodlights of the primaries."""
         camera, X = self.cameras[number], self.X[number]
         white = [np.einsum("clm,lcn->mcn", np.swapaxes(X, 1, 2), T.astype(float)) for T in self.T[number]]
         parts = [Transport.from_matrices([sparse.csr_array(each.astype(np.float32)) for each in T]) for T in white]
@@ -51,8 +56,10 @@ class Systems:
         return below_each_other(calibrations, transports, "joint")
 
     def matrix(self) -> FloatArray:
-        """Eq. 4.8 (of one camera 4.6, of one projector as well 4.2): rows by camera, pixel, channel; columns by
-        projector, pixel, primary."""
+        """Returns the matrix of eq. 4.8 (4.6 for one camera, 4.2 for one projector as well).
+
+        Rows are ordered by camera, pixel, channel; columns by projector, pixel, primary.
+        """
         return np.block(
             [
                 [np.einsum("ckl,lcn->cknl", X, T.astype(float)).reshape(3 * X.shape[0], -1) for T in self.T[number]]
@@ -61,7 +68,7 @@ class Systems:
         )
 
     def raster(self, drives: FloatArray) -> FloatArray:
-        """Drives by projector, pixel, primary in the projectors' raster, (pixels, 3)."""
+        """Arrange drives, ordered by projector, pixel, primary, in the projectors' raster: (pixels, 3)."""
         height, width = max(h for h, _ in self.projectors), sum(w for _, w in self.projectors)
         picture, left, start = np.zeros((height, width, 3)), 0, 0
         for h, w in self.projectors:
@@ -70,7 +77,7 @@ class Systems:
         return picture.reshape(-1, 3)
 
     def seen(self, calibration: Calibration, light: FloatArray) -> FloatArray:
-        """Light by camera, pixel, channel in the cameras' raster, without ambient light."""
+        """Arrange light, ordered by camera, pixel, channel, in the cameras' raster, without ambient light."""
         picture, top, start = np.zeros((*calibration.camera.shape, 3)), 0, 0
         for h, w in self.cameras:
             picture[top : top + h, :w] = light[start : start + 3 * h * w].reshape(h, w, 3)
@@ -84,7 +91,7 @@ def _pixels(shape: tuple[int, int]) -> int:
 
 @pytest.mark.parametrize(("k", "r"), SYSTEMS)
 def test_light_adds_up_as_the_equations_say(rng: np.random.Generator, k: int, r: int) -> None:
-    """Eq. 4.1, 4.3, 4.5 and 4.7: what each camera sees of all projectors, mixed as its channels mix."""
+    """Eq. 4.1, 4.3, 4.5 and 4.7: each camera sees the light of all projectors, mixed by its channels."""
     systems = Systems(rng, k, r, mixes=True)
     calibration, transport = systems.joint()
     tier = tier_of(calibration, transport, "pixel")
@@ -97,7 +104,7 @@ def test_light_adds_up_as_the_equations_say(rng: np.random.Generator, k: int, r:
 @pytest.mark.parametrize("solver", ["svd", "qr"])
 @pytest.mark.parametrize(("k", "r"), SYSTEMS)
 def test_independent_channels_are_solved_as_one_system(rng: np.random.Generator, k: int, r: int, solver: str) -> None:
-    """Eq. 4.4 and 4.7: least squares over all rows and columns, a channel; of any light, whoever could show it."""
+    """Eq. 4.4 and 4.7: least squares per channel over all rows and columns, for any target, reachable or not."""
     systems = Systems(rng, k, r, mixes=False)
     calibration, transport = systems.joint()
     c = rng.uniform(0, 1, systems.matrix().shape[0])
@@ -108,7 +115,7 @@ def test_independent_channels_are_solved_as_one_system(rng: np.random.Generator,
 
 @pytest.mark.parametrize(("k", "r"), SYSTEMS)
 def test_mixed_channels_are_solved_as_one_system(rng: np.random.Generator, k: int, r: int) -> None:
-    """Eq. 4.2, 4.6 and 4.8: a drive that the cameras have seen is found again, as by least squares of all 3rmn rows."""
+    """Eq. 4.2, 4.6 and 4.8: the drive is recovered from camera pictures, like by least squares of all 3rmn rows."""
     systems = Systems(rng, k, r, mixes=True)
     calibration, transport = systems.joint()
     p = rng.uniform(0.2, 0.8, systems.matrix().shape[1])

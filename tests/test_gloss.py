@@ -1,4 +1,4 @@
-"""Highlights of one projector, by the ratio of two projectors' light, and drives that leave them to the other."""
+"""Highlights of one projector, found from the ratio of two projectors' light, and drives that avoid them."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ WANTED = 0.2
 
 
 class Pair:
-    """Two projectors on rough paint, each camera pixel one of either's; the first one's highlight is a spot."""
+    """Two projectors on rough paint, one pixel of each per camera pixel; the first projector has a highlight."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 20
@@ -57,7 +57,8 @@ def test_a_highlight_is_found_whatever_the_paint(rng: np.random.Generator) -> No
     room, T = pair.room()
     first, second = of_each(shares_in(room, T))
     truth = pair.gloss / (1 + pair.gloss)
-    assert np.abs(first - truth)[truth > 0.15].max() < 0.03  # the surface is quadratic, the rooms' ratio nearly
+    # the fitted surface is quadratic, the rooms' ratio nearly so
+    assert np.abs(first - truth)[truth > 0.15].max() < 0.03
     assert not first[truth < 0.05].any()
     assert not second.any()
 
@@ -76,7 +77,7 @@ def test_the_other_projector_lights_the_highlight_and_nothing_is_lost(rng: np.ra
     b = WANTED * np.repeat(pair.paint.reshape(-1, 1), 3, axis=1)
     drives = [Box(objective_of(T, room, aims), tolerance=1e-6).solve(b).drive for aims in (ObjectiveOptions(), AVOID)]
     shared, avoided = (of_each(drive[:, 1]) for drive in drives)
-    assert avoided[0][spot] < 0.4 * shared[0][spot]  # neighbours on the spot's rim are tied to it (drift)
+    assert avoided[0][spot] < 0.4 * shared[0][spot]  # pixels at the spot's rim are tied to it (drift)
     assert np.abs(T.apply(drives[1]) - b).max() < 0.02 * b.max()
 
 

@@ -1,4 +1,4 @@
-"""How many steps a frame gets: a machine of known speed and a room of known errors, for every budget and promise."""
+"""Steps per frame: a machine of known speed and a room of known errors, for every budget and promise."""
 
 from statistics import median
 
@@ -9,13 +9,18 @@ from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.governor import TRIES, WELL_WITHIN, Governor
 
 FRAME_S = 0.04
-SELDOM = 5  # of 200 frames have a step more, to see whether there is time for it by now: after 8, 16, 32, 64, 100
+SELDOM = 5  # of 200 frames at most try one more step: after 8, 16, 32, 64, 100 frames
 STARTS = {"map": "previous", "direct": "previous-direct"}
 CURVE = Curve((0, 2, 4, 8, 16), (6.0, 1.6, 0.6, 0.2, 0.06))
 
 
 class Machine:
-    """Draws frames: base_s without its start and steps, start_s by start, step_s each."""
+    """Fake machine that draws frames.
+
+    base_s : seconds per frame without start and steps.
+    step_s : seconds per step.
+    start_s : seconds per start, by name.
+    """
 
     def __init__(self, governor: Governor, base_s: float, step_s: float, **start_s: float) -> None:
         self.governor, self.base_s, self.step_s, self.start_s = governor, base_s, step_s, start_s
@@ -25,7 +30,10 @@ class Machine:
         self.steps: list[int] = []
 
     def draw(self, frames: int, below: Curve | None = None) -> None:
-        """below : dB below the optimum by steps, estimated for every frame."""
+        """Draw frames.
+
+        below : dB below the optimum by steps, estimated for every frame.
+        """
         for _ in range(frames):
             governor, steps = self.governor, self.governor.steps
             start = governor.start if steps else STARTS[governor.bare]
@@ -63,7 +71,7 @@ def test_a_first_frame_that_takes_long_costs_no_steps() -> None:
 
 
 def test_other_work_that_comes_and_goes_costs_few_frames_their_steps() -> None:
-    """One frame in twenty takes twenty times as long, whatever is drawn; a still slower time follows, and ends."""
+    """One frame in twenty takes twenty times as long; a permanently slower period follows, and ends."""
     governor = Governor(4, budget=16)
     governor.begin(FRAME_S)
     machine = Machine(governor, 0.004, 0.001)
@@ -122,7 +130,7 @@ def test_a_budget_without_time_for_the_maps_picture_either_shows_direct_mapping(
 
 
 def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
-    """Three steps end within a decibel of the optimum, and two do not; without a curve nobody knows."""
+    """Three steps end within a decibel of the optimum, and two do not; without a curve, the least is unknown."""
     for offers, least in (((Offer("previous", 0.5, CURVE),), 3), ((), 0)):
         governor = Governor(8, start="previous", offers=offers)
         governor.begin(FRAME_S)
@@ -137,7 +145,7 @@ def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
 
 @pytest.mark.parametrize(("budget", "start"), [(16.0, "previous-direct"), (60.0, "previous")])
 def test_the_start_is_the_one_that_is_nearer_within_the_budget(budget: float, start: str) -> None:
-    """T⁺ b takes ten steps and is worth eight: only where the rest is long does it pay."""
+    """T⁺ b takes as long as ten steps and is worth eight, so it pays only with a long budget."""
     better = Curve((0, 2, 4, 8, 16), (1.0, 0.4, 0.1, 0.01, 0.001))
     offers = Offer("previous", 10.0, better), Offer("previous-direct", 0.1, CURVE)
     governor = Governor(4, budget=budget, start="previous", offers=offers)

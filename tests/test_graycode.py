@@ -1,4 +1,4 @@
-"""Gray codes: truth by a known warp, agreement with OpenCV, holes that share, pictures that are not whole."""
+"""Gray codes: truth by a known warp, agreement with OpenCV, holes filled from neighbours, partial pictures."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,20 +18,22 @@ from counterlight.tools.transport.transport import channel, channels
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 LINEAR = Response("linear")
-PROJECTOR, CAMERA = (29, 37), (95, 127)  # odd, unequal: flips and swaps show
+PROJECTOR, CAMERA = (29, 37), (95, 127)  # odd and unequal, so that flips and swaps show
 MIN_CONTRAST = 5.0
 SAMPLES = 3
-ONE_ROUNDING = 1e-7  # an entry is rounded once to float32 (relative 6e-8), the sum is taken in float64
+ONE_ROUNDING = 1e-7  # an entry is rounded once to float32 (relative 6e-8); the sum is float64
 
 Picture = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A camera that sees a flat, textured wall obliquely, about three camera pixels per projector pixel.
+    """Camera that sees a flat, textured wall obliquely, about three camera pixels per projector pixel.
 
-    x, y : (samples, camera height, camera width), the projector column and row that each part of a camera pixel sees,
-    NOBODY outside.  albedo : (camera height, camera width, channels).  defocus : σ in projector pixels.
+    x, y : (samples, camera height, camera width). Projector column and row of each part of a camera pixel; NOBODY
+        outside.
+    albedo : (camera height, camera width, channels).
+    defocus : σ in projector pixels.
     """
 
     x: NDArray[np.int64]
@@ -47,7 +49,7 @@ class Rig:
         return (self.x == self.x[0]).all(axis=0) & (self.y == self.y[0]).all(axis=0) & (self.x[0] != NOBODY)
 
     def capture(self, pattern: Picture) -> Picture:
-        """8-bit code values: 10 of ambient light and up to 190 of projector light, with camera noise."""
+        """Returns 8-bit code values: 10 of ambient light and up to 190 of projector light, with camera noise."""
         drive = pattern / 255.0
         if self.defocus:
             drive = cv2.GaussianBlur(drive, (0, 0), self.defocus)
@@ -79,7 +81,7 @@ def make_rig(rng: np.random.Generator, *, channels: int = 1, noise: float = 1.0,
 
 
 def opencv_code(projector: tuple[int, int] = PROJECTOR) -> tuple[Any, list[Picture]]:
-    """OpenCV's coder and the patterns that it would project, white and black at the end."""
+    """OpenCV's coder and the patterns that it would project, with white and black at the end."""
     coder = cv2.structured_light.GrayCodePattern.create(projector[1], projector[0])
     coder.setWhiteThreshold(int(MIN_CONTRAST))
     coder.setBlackThreshold(0)
@@ -88,7 +90,7 @@ def opencv_code(projector: tuple[int, int] = PROJECTOR) -> tuple[Any, list[Pictu
 
 
 def write_opencv_captures(folder: Path, rig: Rig) -> list[Picture]:
-    """Captures named so that only natural sorting puts them in order (`shot2` before `shot10`)."""
+    """Write captures whose names need natural sorting (`shot2` before `shot10`)."""
     folder.mkdir()
     captures = [rig.capture(pattern) for pattern in opencv_code()[1]]
     for i, capture in enumerate(captures):
@@ -97,7 +99,7 @@ def write_opencv_captures(folder: Path, rig: Rig) -> list[Picture]:
 
 
 def write_named_captures(folder: Path, rig: Rig, *, suffix: str = ".png", step: int = 1, flood: bool = False) -> None:
-    """Patterns of our own making in sltk's naming; `step` projector pixels a cell."""
+    """Write captures of patterns made by the test, in sltk's naming, with cells of `step` projector pixels."""
     folder.mkdir()
     rows, columns = np.mgrid[0 : PROJECTOR[0], 0 : PROJECTOR[1]] // step
     number = 0
@@ -114,12 +116,12 @@ def write_named_captures(folder: Path, rig: Rig, *, suffix: str = ".png", step: 
 
 
 def write_capture(path: Path, picture: Picture) -> None:
-    """picture : grey or RGB; OpenCV writes BGR."""
+    """Write a picture, grey or RGB; OpenCV expects BGR."""
     assert cv2.imwrite(str(path), picture if picture.ndim == 2 else picture[..., ::-1])
 
 
 def assert_truth(rig: Rig, x: Picture, y: Picture, valid: Picture, *, step: int = 1) -> None:
-    """Pixels inside one projector pixel decode to it; those on an edge to a column and a row that they see."""
+    """Pixels inside one projector pixel decode to it; pixels on an edge decode to a column and a row that they see."""
     sees = (rig.x // step == x).any(axis=0) & (rig.y // step == y).any(axis=0)
     assert sees[valid].all()
     assert valid[rig.pure].mean() > 0.999  # albedo ≥ 0.4: the contrast is ≥ 76 code values, the noise 1
@@ -172,12 +174,12 @@ def test_defocus_of_narrow_stripes_does_not_dim_white(rng: np.random.Generator, 
     decoded = decode(find_captures(tmp_path / "captures", PROJECTOR), LINEAR)
     pure = rig.pure & decoded.valid(PROJECTOR, MIN_CONTRAST)
     contrast = (decoded.white - decoded.black)[pure][:, :1] * 255 / (190 * rig.albedo[pure])
-    # Only stripe edges of the wide pairs lose light: 7.6 % is measured here, 19.7 % over all pairs.
+    # Only the stripe edges of the wide pairs lose light: 7.6 % is measured here, 19.7 % over all pairs.
     assert contrast.mean() > 0.9
 
 
 def test_codes_beyond_the_projector_are_not_valid() -> None:
-    """A wrong bit may name a row or a column that the projector does not have."""
+    """A wrong bit may name a row or a column outside the projector."""
     x, y = np.array([[5, 37, 5, 36]], np.int32), np.array([[28, 5, 29, 5]], np.int32)
     light = np.ones((1, 4, 3), np.float32)
     decoded = Decoded(x, y, np.full((1, 4), 0.5, np.float32), light, 0 * light, np.zeros((1, 4), bool), True)
@@ -203,7 +205,7 @@ def test_agreement_with_opencv_on_synthetic_captures(rng: np.random.Generator, t
 
 
 def count_agreement(patterns: list[Picture], x: Picture, y: Picture, ours: Picture) -> tuple[int, int, int]:
-    """Pixels where both say the same, both are valid, and OpenCV alone is valid."""
+    """Count pixels where both decoders agree, where both are valid, and where only OpenCV is valid."""
     coder, _ = opencv_code()
     agree = both = only = 0
     for row in range(CAMERA[0]):
@@ -216,7 +218,7 @@ def count_agreement(patterns: list[Picture], x: Picture, y: Picture, ours: Pictu
 
 
 def real_sets() -> Iterator[tuple[Path, tuple[int, int], int, Path]]:
-    """Captures, projector, step and reference decode of each real set that is there."""
+    """Yield captures, projector, step and reference decode of each real data set that exists."""
     kamino, shell, board = (
         SHARED / name for name in ("graycode-procam-kamino", "graycode-shell-sltk", "projector-response-kamino")
     )
@@ -241,7 +243,7 @@ def test_real_captures_agree_with_the_reference_decodes() -> None:
 
 
 def random_decode(rng: np.random.Generator) -> tuple[Picture, Picture, Picture]:
-    """Camera pixels that look at an oblong of the projector, a tenth of its cells seen by nobody, a disc among them."""
+    """Camera pixels that see a rectangle of the projector; a tenth of its cells and a disc are seen by no pixel."""
     y, x = np.mgrid[3:21, 5:30].repeat(2, axis=1).repeat(2, axis=2)
     unseen = rng.uniform(size=PROJECTOR) < 0.1
     rows, columns = np.mgrid[0 : PROJECTOR[0], 0 : PROJECTOR[1]]
@@ -292,7 +294,7 @@ def test_a_hole_follows_its_nearest_decoded_pixel(rng: np.random.Generator) -> N
 
 
 def test_hole_and_owner_get_the_same_drive(rng: np.random.Generator) -> None:
-    """Parallel columns: the solution of least norm sends both the same light, and reaches what direct mapping does."""
+    """Their columns are parallel: the minimum-norm solution sends both the same light, like direct mapping."""
     x, y, valid = random_decode(rng)
     mapping = direct_mapping(x, y, valid, PROJECTOR, fill_radius=4)
     T = channel(direct_transport(mapping, rng.uniform(0.1, 1, (x.size, 3)).astype(np.float32)).near, 0).toarray()

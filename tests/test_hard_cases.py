@@ -1,4 +1,4 @@
-"""Hard cases, each against a known answer; what is proven of noise stands in test_hard_noise.py."""
+"""Hard cases with known answers; test_hard_noise.py covers the bounds for noise."""
 
 from fractions import Fraction
 
@@ -37,12 +37,12 @@ def drive(case: HardCase, method: str) -> FloatArray:
 
 
 def cut_off(T: FloatArray) -> float:
-    """Singular values up to this are noise where T is stored in float32."""
+    """Singular values up to this limit are noise, because T is stored in float32."""
     return float(np.linalg.norm(T, 2)) * FLOAT32_EPS * max(T.shape)
 
 
 def matrix_of(case: HardCase, damping: float | None) -> tuple[FloatArray, float]:
-    """T⁺ of the green channel, dense, and its λ."""
+    """Returns dense T⁺ of the green channel, and its λ."""
     inverse = hard.inverse_of(case, InverseOptions(damping, KEEP_ALL))
     return channels(inverse.T_pinv)[1].toarray(), inverse.damping * largest_singular_value(case.T)
 
@@ -77,7 +77,7 @@ def test_exactly_parallel_columns_are_shared_in_some_way(method: str) -> None:
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("fraction", [0.001, 0.01, 0.1])
 def test_damped_parallel_columns_match_exact_arithmetic(condition: float, fraction: float) -> None:
-    """The normal equations of two columns by Cramer's rule in rational numbers."""
+    """Compared with the normal equations of two columns, by Cramer's rule in rational numbers."""
     case = hard.parallel_columns(2 / condition)
     damping = fraction * case.largest_singular_value
     (u, v), b = [[Fraction(x) for x in column] for column in case.dense.T], [Fraction(x) for x in case.target]
@@ -87,14 +87,14 @@ def test_damped_parallel_columns_match_exact_arithmetic(condition: float, fracti
     exact = [((vv + squared) * product(u, b) - uv * product(v, b)) / determinant]
     exact.append(((uu + squared) * product(v, b) - uv * product(u, b)) / determinant)
     found = damped_inverse(case.dense[None], np.array([damping]))[0] @ case.target
-    # Normal equations of condition 1 / fraction², in float64.
+    # normal equations of condition 1 / fraction², in float64
     np.testing.assert_allclose(found, [float(x) for x in exact], rtol=10 * 2.2e-16 / fraction**2)
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("method", ["qr", "svd"])
 def test_nearly_parallel_columns_are_told_apart_or_share_the_light(condition: float, method: str) -> None:
-    """Below the cut-off of float32 the two columns count as one; above it, p = (0.3, 0.6) is found."""
+    """Below the cut-off of float32, both columns count as one; above it, p = (0.3, 0.6) is found."""
     case = hard.parallel_columns(2 / condition)
     expected = [0.3, 0.6] if 1 / condition > 4 * FLOAT32_EPS else [0.45, 0.45]
     np.testing.assert_allclose(unclamped(case, method), expected, atol=10 * min(condition, 1e8) * 2.2e-16)
@@ -103,12 +103,12 @@ def test_nearly_parallel_columns_are_told_apart_or_share_the_light(condition: fl
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_nearly_parallel_columns_never_spoil_what_the_camera_sees(condition: float, method: str) -> None:
-    """Between them, the pixels must show 0.9 times a; λ/2 ‖p‖ and float32 weights of size `condition` are allowed."""
+    """Together, the pixels must show 0.9 times a; λ/2 ‖p‖ and float32 weights of size `condition` are allowed."""
     case = hard.parallel_columns(2 / condition)
     weights = min(condition, 1 / (4 * FLOAT32_EPS)) * FLOAT32_EPS if method == "map none" else 1e-5
-    gap = 4e-5 if method == "box" else 0.0  # its steps end at an error 90 dB below the floodlit room
+    gap = 4e-5 if method == "box" else 0.0  # the solver's steps end at an error 90 dB below the floodlit room
     damped = {"map 0.01": 0.01 / 2, "map 0.1": 0.1 / 2}.get(method, 0.4 / 2 if "auto" in method else 0.0)
-    direct = 1 / condition if method == "direct" else 0.0  # it asks one pixel for both columns' light
+    direct = 1 / condition if method == "direct" else 0.0  # direct mapping gives both columns' light to one pixel
     assert case.error(unclamped(case, method)) <= damped + weights + gap + direct
 
 
@@ -124,7 +124,7 @@ def test_rank_deficient_clusters_give_the_least_squares_of_minimum_norm(shape: t
 @pytest.mark.parametrize("shape", [(12, 12), (9, 15), (20, 8)])
 @pytest.mark.parametrize("fraction", [0.01, 0.1])
 def test_rank_deficient_clusters_damped_solve_the_augmented_system(shape: tuple[int, int], fraction: float) -> None:
-    """min ‖T p − b‖² + λ² ‖p‖² as one system [T; λ I] p = [b; 0], by numpy's least squares."""
+    """Compared with min ‖T p − b‖² + λ² ‖p‖² as one system [T; λ I] p = [b; 0], by numpy's least squares."""
     case = hard.rank_deficient(shape)
     T_pinv, damping = matrix_of(case, fraction)
     n = case.T.shape[1]
@@ -135,7 +135,7 @@ def test_rank_deficient_clusters_damped_solve_the_augmented_system(shape: tuple[
 
 @pytest.mark.parametrize("shape", [(12, 12), (9, 15), (20, 8)])
 def test_rank_deficient_clusters_within_bounds_are_scipys(shape: tuple[int, int]) -> None:
-    """The minimiser is not unique, its error is."""
+    """The minimiser is not unique, but its error is."""
     case = hard.rank_deficient(shape)
     system = linear_system(case.T, case.target)
     best = 2 * lsq_linear(case.dense, case.target, (0, 1), method="bvls", tol=1e-12).cost
@@ -151,8 +151,8 @@ def test_zero_rows_and_columns_change_nothing_for_the_others(method: str) -> Non
     compact = hard.listed("compact", case.dense[np.ix_(rows, columns)], case.target[rows])
     p = unclamped(case, method)
     assert not p[np.setdiff1d(np.arange(p.size), columns)].any()
-    if "auto" not in method:  # λ is judged on pictures of the camera's size, which differs
-        tolerance = 5e-3 if method == "box" else 1e-6  # its gap is relative to what the dark rows want, too
+    if "auto" not in method:  # λ is chosen on pictures of the camera's size, which differs
+        tolerance = 5e-3 if method == "box" else 1e-6  # its gap is relative to a target that includes the dark rows
         np.testing.assert_allclose(p[columns], unclamped(compact, method), rtol=1e-6, atol=tolerance)
 
 
@@ -163,7 +163,7 @@ def test_one_entry_clusters_are_divisions(method: str) -> None:
     damping = MAPS.get(method, 0.0) * weights.max()
     if "auto" not in method:
         expected = weights * case.target / (weights**2 + damping**2)
-        # The 1 % that σ₁ by power iteration may lack enters λ² twice; float32 weights; the box optimum's gap.
+        # Power iteration may underestimate σ₁ by 1 %, which enters λ² twice; float32 weights; the box optimum's gap.
         np.testing.assert_allclose(unclamped(case, method), expected, rtol=0.02 if damping else 1e-6, atol=1e-4)
 
 
@@ -174,14 +174,14 @@ def test_one_entry_clusters_are_divisions(method: str) -> None:
 def test_weights_from_1e_7_to_1e3_lose_no_more_than_the_cut_off(method: str) -> None:
     case = hard.graded_weights()
     p = unclamped(case, method)
-    allowed = cut_off(case.dense) * np.sqrt(case.T.shape[1])  # ‖p‖ ≤ √n for the p in 0..1 that made b
+    allowed = cut_off(case.dense) * np.sqrt(case.T.shape[1])  # ‖p‖ ≤ √n for the p in 0..1 that gave b
     rounding = FLOAT32_EPS * np.linalg.norm(case.target) * 30  # of float32 weights, both ways through T
     assert np.linalg.norm(case.T @ p - case.target) <= allowed + (rounding if "map" in method else 0)
     assert np.abs(p).max() <= np.linalg.norm(case.target) / cut_off(case.dense)
 
 
 def test_weights_from_1e_7_to_1e3_within_bounds() -> None:
-    """b is within reach: nnls finds each of the weights' drives, box all that its certificate counts."""
+    """b is reachable: nnls finds every drive, and box reaches the gap of its certificate."""
     case = hard.graded_weights()
     p = hard.rng(3).uniform(0.1, 0.9, 12)
     np.testing.assert_allclose(unclamped(case, "nnls"), p, atol=1e-4)  # condition 1e10 in float64
@@ -191,7 +191,7 @@ def test_weights_from_1e_7_to_1e3_within_bounds() -> None:
 
 @pytest.mark.parametrize("method", ["direct", "qr", "svd", *BOUNDED])
 def test_denormal_weights_are_solved_like_any_others(method: str) -> None:
-    """1e-40 times a wall, denormal in float32: the drive of the wall times 1, whose weights are rounded alike."""
+    """1e-40 times a wall, denormal in float32, gives the drive of the wall with the same rounded weights."""
     case = hard.denormal_weights()
     ordinary = hard.rescaled(case, 1e40)
     np.testing.assert_allclose(drive(case, method), drive(ordinary, method), atol=1e-6)
@@ -199,7 +199,7 @@ def test_denormal_weights_are_solved_like_any_others(method: str) -> None:
 
 @pytest.mark.parametrize("method", [name for name in METHODS if "map" in name])
 def test_a_map_beyond_float32_is_refused(method: str) -> None:
-    """Weights of T⁺ are some 1e40 here, which float32 cannot hold."""
+    """The weights of T⁺ are about 1e40, beyond float32."""
     with pytest.raises(InputError, match=r"projector pixel.*beyond float32"):
         METHODS[method](hard.denormal_weights())
 
@@ -215,12 +215,12 @@ def test_another_unit_of_radiance_changes_no_drive(factor: float, method: str) -
 
 @pytest.mark.parametrize("method", [name for name in METHODS if "auto" not in name])
 def test_another_order_of_pixels_changes_no_drive(method: str) -> None:
-    """Not `auto`: its pictures and the decomposition's neighbourhoods are of pixels in their order."""
+    """`auto` is excluded: its pictures and the decomposition's neighbourhoods depend on the order of pixels."""
     case = WALLS[1e4]
     other, order = hard.permuted(case)
     p, q = drive(case, method), drive(other, method)
     tolerance = {"box": None, "map none": 1e-2}.get(method, 1e-6)  # 1e4 times float32 rounding of weights
-    if tolerance is None:  # not unique to a gap; its error is
+    if tolerance is None:  # the drive is not unique within the gap, but its error is
         assert other.error(q) == pytest.approx(case.error(p), rel=TOLERANCE)
     else:
         np.testing.assert_allclose(q, p[order], atol=tolerance)
@@ -233,21 +233,21 @@ TARGETS = {case.name.removeprefix("target "): case for case in hard.targets()}
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_black_target_asks_for_black(method: str) -> None:
-    assert drive(TARGETS["black"], method).max() <= 1e-12  # what steps of a gradient leave of the start
+    assert drive(TARGETS["black"], method).max() <= 1e-12  # remainder of the start after the gradient steps
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_white_target_asks_for_white(method: str) -> None:
-    """T·1 is within reach: p = 1 but for what damping takes."""
+    """T·1 is reachable: p = 1, minus the effect of damping."""
     case = TARGETS["white"]
     damped = 0.4 if "auto" in method else MAPS.get(method, 0.0)
-    decomposed = 0.01 if "cut" in method else 0.0  # the composition is kept, not the blur
+    decomposed = 0.01 if "cut" in method else 0.0  # the decomposition keeps T·1, not the blur
     assert case.error(unclamped(case, method)) <= damped / 2 + decomposed + 1e-3  # float32 weights of condition 1e4
 
 
 @pytest.mark.parametrize("name", ["one pixel", "checkerboard", "random", "ambient above"])
 def test_out_of_reach_no_method_beats_the_box_optimum(name: str) -> None:
-    """And bounded variables keep away from what a plain inverse and the clamp do."""
+    """Damping avoids the errors of a plain inverse with the clamp."""
     case = TARGETS[name]
     best = case.error(drive(case, "box"))
     optimum = lsq_linear(case.dense, case.target, (0, 1), method="trf", tol=1e-12).x
@@ -259,12 +259,12 @@ def test_out_of_reach_no_method_beats_the_box_optimum(name: str) -> None:
 
 @pytest.mark.parametrize("method", BOUNDED)
 def test_where_ambient_is_brighter_everywhere_the_projector_stays_black(method: str) -> None:
-    """b < 0 ≤ T p: p = 0 is the optimum."""
+    """With b < 0 ≤ T p, the optimum is p = 0."""
     case = hard.replace(WALLS[1e4], target=np.full(WALLS[1e4].T.shape[0], -0.3))
     assert not drive(case, method).any()
 
 
-# A cluster of more pixels than are inverted whole
+# A cluster with too many pixels for a whole inverse
 
 
 @pytest.fixture(scope="module")
@@ -273,7 +273,7 @@ def large() -> HardCase:
 
 
 def test_one_cluster_of_thousands_is_inverted_through_windows(large: HardCase) -> None:
-    """Against LSMR on the whole damped system; each row comes from one window's inverse, of at most 1/(2λ)."""
+    """Compared with LSMR on the whole damped system; each row comes from one window's inverse, of at most 1/(2λ)."""
     inverse = hard.inverse_of(large, InverseOptions(0.1, KEEP_ALL))
     assert (inverse.clusters.count, inverse.windowed_clusters) == (1, 1)
     T_pinv, damping = channels(inverse.T_pinv)[1], 0.1 * largest_singular_value(large.T)
@@ -285,7 +285,7 @@ def test_one_cluster_of_thousands_is_inverted_through_windows(large: HardCase) -
 
 @pytest.mark.parametrize("method", ["qr", "svd", *BOUNDED])
 def test_one_cluster_of_thousands_is_solved(large: HardCase, method: str) -> None:
-    assert large.error(unclamped(large, method)) <= 1e-4  # b is within reach; LSMR's and the gradient's tolerance
+    assert large.error(unclamped(large, method)) <= 1e-4  # b is reachable; LSMR's and the gradient's tolerance
 
 
 def test_one_cluster_of_thousands_has_no_plain_inverse(large: HardCase) -> None:
@@ -293,7 +293,7 @@ def test_one_cluster_of_thousands_has_no_plain_inverse(large: HardCase) -> None:
         METHODS["map none"](large)
 
 
-# Nothing that is not finite leaves a method
+# No method returns a value that is not finite
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -313,7 +313,7 @@ def test_a_target_that_is_not_finite_is_refused_by_its_cluster(value: float) -> 
 @pytest.mark.parametrize("factor", [1e-200, 1e200])
 @pytest.mark.parametrize("method", ["direct", "qr", "svd", *BOUNDED])
 def test_weights_beyond_float32_are_solved_or_refused(factor: float, method: str) -> None:
-    """Their squares overflow or vanish in float64."""
+    """The squares of these weights overflow or vanish in float64."""
     try:
         found = drive(hard.rescaled(WALLS[1e2], factor), method)
     except NonFiniteError:
@@ -324,7 +324,7 @@ def test_weights_beyond_float32_are_solved_or_refused(factor: float, method: str
 @pytest.mark.parametrize("fraction", [1e-5, 1e-7, 1e-9, 1e-12])
 @pytest.mark.parametrize("name", ["ones", "square", "wide", "tall"])
 def test_damping_too_small_to_matter_keeps_its_bound(name: str, fraction: float) -> None:
-    """λ² vanishes beside σ₁² in float64, and T has no full rank; --regularize takes any number from 0 to 1."""
+    """λ² vanishes next to σ₁² in float64, and T is rank-deficient; --regularize accepts any number from 0 to 1."""
     shapes = {"square": (12, 12), "wide": (9, 15), "tall": (20, 8)}
     T = np.ones((2, 2)) if name == "ones" else hard.rank_deficient(shapes[name]).dense
     damping = fraction * float(np.linalg.norm(T, 2))
@@ -336,15 +336,15 @@ def test_damping_too_small_to_matter_keeps_its_bound(name: str, fraction: float)
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
 def test_far_light_of_a_drive_that_is_not_clamped_spoils_what_is_within_reach(share: float) -> None:
-    """Of a plain inverse, apart or in one T with the near light; the clamp, the thesis' cut, or damping saves it."""
+    """A plain inverse fails, with far light separate or inside T; the clamp, the thesis' cut or damping help."""
     case = hard.far_light_and_dark_paint(share)
     found = {name: case.error(np.clip(make(case)(case.target), 0, 1)) for name, make in hard.SPLIT.items()}
     best = case.error(drive(case, "box"))
     plain = found["split none"] - best
-    assert case.error(drive(case, "map none")) - best == pytest.approx(plain, rel=0.05)  # one fixed point, float32
+    assert case.error(drive(case, "map none")) - best == pytest.approx(plain, rel=0.05)  # same fixed point, float32
     assert found["split none, clamped"] - best < 0.5 * plain
     assert found["thesis"] - best < 0.2 * plain
     assert found["split 0.1"] - best < 0.2 * plain
     assert found["split 0.1, clamped"] == pytest.approx(
         found["split 0.1"], abs=1e-3
-    )  # damped, there is nothing to gain
+    )  # with damping, clamping cannot improve the result

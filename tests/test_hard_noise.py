@@ -1,11 +1,11 @@
-"""What noise becomes in ill-conditioned systems, against proven bounds.
+"""Noise in ill-conditioned systems, against proven bounds.
 
 With T = U Σ Vᵀ and T⁺ = V (Σ/(Σ² + λ²)) Uᵀ (Hansen 1998, 4.2):
 
-- ‖T⁺‖ ≤ 1/(2λ), as σ/(σ² + λ²) ≤ 1/(2λ): so much of the noise in b reaches the drive, whatever T is.
-- b = T p gives ‖T T⁺ b − b‖ ≤ λ/2 ‖p‖, as λ²σ/(σ² + λ²) ≤ λ/2: so much of the picture is lost, whatever T is.
-- Singular values up to a cut-off s left out instead: ‖T⁺‖ ≤ 1/s and ‖T T⁺ b − b‖ ≤ s ‖p‖.
-- The clamp to 0..1 brings no two drives further apart.
+- ‖T⁺‖ ≤ 1/(2λ), because σ/(σ² + λ²) ≤ 1/(2λ). This bounds the noise in b that reaches the drive, for any T.
+- b = T p gives ‖T T⁺ b − b‖ ≤ λ/2 ‖p‖, because λ²σ/(σ² + λ²) ≤ λ/2. This bounds the loss of the picture, for any T.
+- Dropping singular values up to a cut-off s gives ‖T⁺‖ ≤ 1/s and ‖T T⁺ b − b‖ ≤ s ‖p‖.
+- The clamp to 0..1 never increases the distance of two drives.
 """
 
 from dataclasses import replace
@@ -29,7 +29,7 @@ SEEDS = range(8)
 
 
 def filtered_inverse(T: FloatArray, damping: float) -> FloatArray:
-    """V (Σ/(Σ² + λ²)) Uᵀ from the singular value decomposition, exact where normal equations are not."""
+    """Returns V (Σ/(Σ² + λ²)) Uᵀ from the singular value decomposition, exact where normal equations are not."""
     U, sigma, Vt = np.linalg.svd(T, full_matrices=False)
     return np.asarray((Vt.T * (sigma / (sigma**2 + damping**2))) @ U.T)
 
@@ -60,7 +60,7 @@ def test_the_svd_amplifies_noise_by_at_most_the_cut_off(condition: float) -> Non
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("method", [*SQUARES, *MAPS])
 def test_what_is_within_reach_is_lost_by_no_more_than_the_method_states(condition: float, method: str) -> None:
-    """b = T p: λ/2 ‖p‖ where damped, the cut-off times ‖p‖ where singular values are left out, before the clamp."""
+    """The loss for b = T p, unclamped, is at most λ/2 ‖p‖ if damped, or the cut-off times ‖p‖ if truncated."""
     p = hard.rng(5).uniform(size=WALLS[condition].T.shape[1])
     case = replace(WALLS[condition], target=WALLS[condition].T @ p)
     residual = np.linalg.norm(case.T @ unclamped(case, method) - case.target)
@@ -74,8 +74,7 @@ def test_what_is_within_reach_is_lost_by_no_more_than_the_method_states(conditio
 
 @pytest.mark.parametrize("condition", [1e2, 1e8, 1e14])
 def test_least_squares_are_as_exact_as_numpys(condition: float) -> None:
-    """What the camera sees of an unclamped solution: the projection of b onto what T's singular values above the
-    cut-off reach, or more of it."""
+    """The residual of an unclamped solution equals numpy's least squares with the same cut-off, or is smaller."""
     case = WALLS[condition]
     p = np.linalg.lstsq(case.dense, case.target, rcond=cut_off(case.dense) / case.largest_singular_value)[0]
     best = np.linalg.norm(case.dense @ p - case.target)
@@ -92,7 +91,7 @@ def test_the_box_certificate_holds_however_ill_conditioned(condition: float) -> 
     found = solve("box", system).drive
     objective = 0.5 * system.squared_error(found)
     gap = relative_gap(system, found) * objective
-    # Any drive within 0..1 is at most the gap better; scipy's may be better or worse than ours.
+    # Any drive within 0..1 improves by at most the gap; scipy's solution may be better or worse.
     assert objective - lsq_linear(case.dense, case.target, (0, 1), method="trf", tol=1e-12).cost <= gap
     assert np.sqrt(2 * gap) <= 1e-3 * np.linalg.norm(case.floodlight)  # 60 dB below the floodlit room
 
@@ -100,10 +99,10 @@ def test_the_box_certificate_holds_however_ill_conditioned(condition: float) -> 
 @pytest.mark.parametrize("share", [0.01, 0.05])
 @pytest.mark.parametrize("fraction", [0.01, 0.1])
 def test_capture_noise_reaches_the_drive_within_the_proven_bound(share: float, fraction: float) -> None:
-    """T' = T + E instead of T, at equal λ: ‖p' − p‖ ≤ ‖E‖ (‖p‖/(2λ) + ‖r‖/λ²), r = b − T p.
+    """With T' = T + E instead of T, at equal λ: ‖p' − p‖ ≤ ‖E‖ (‖p‖/(2λ) + ‖r‖/λ²), r = b − T p.
 
-    From (T'ᵀT' + λ²)(p' − p) = Eᵀr − T'ᵀE p. The factors in `stated` are what these seeds stay within: of the noise's
-    share, RMS over the drive and over what the camera sees of it, both after the clamp.
+    The bound follows from (T'ᵀT' + λ²)(p' − p) = Eᵀr − T'ᵀE p. The factors in `stated` are limits for these seeds,
+    relative to the noise's share: RMS of the drive and of the camera picture, both after the clamp.
     """
     stated = {0.01: (12.0, 1.5), 0.1: (0.7, 0.15)}[fraction]
     wall = WALLS[1e4]
@@ -146,7 +145,7 @@ def test_at_the_noise_floor_the_dark_half_costs_the_bright_half_nothing() -> Non
 
 @pytest.mark.parametrize("share", [0.01, 0.05])
 def test_the_plain_inverse_leaves_out_what_is_noise(share: float) -> None:
-    """Rank 5 measured with noise has full rank; a stated noise brings the five back."""
+    """T of rank 5, measured with noise, has full rank; the inverse with stated noise has rank 5."""
     for seed in SEEDS:
         numbers = np.random.default_rng(seed)
         T = numbers.uniform(0.2, 1, (40, 5)) @ numbers.uniform(0.2, 1, (5, 30))

@@ -1,8 +1,8 @@
-"""Refinement, the player's default, on hard cases: built and played as a user does it, judged through the true T.
+"""Refinement, the player's default, on hard cases: built and played as a user does, and measured with the true T.
 
-No method that stays within 0..1 is better than the box optimum of the plain least squares, of what each camera pixel
-can have by itself. What refinement may lose to it is what the prior takes: it keeps noise and drift from spoiling what
-T says too little of (docs/mathematics.md).
+No method within 0..1 beats the box optimum of the plain least squares with equal weights per camera pixel. Refinement
+may lose to it only through the prior, which keeps noise and drift from spoiling poorly measured parts of T
+(docs/mathematics.md).
 """
 
 from dataclasses import replace
@@ -14,10 +14,10 @@ from tests import hard_systems as hard
 from tests.hard_systems import HardCase
 from tests.studies import hard_cases
 
-PRIOR = 0.006  # of the floodlit room's RMS; 0.0052 was the most
+PRIOR = 0.006  # of the floodlit room's RMS; the largest measured value is 0.0052
 MOST_NOISE = {
-    "weights 1e-7 to 1e3": 300,  # noise of the brightest drives the faintest pixel from end to end
-    "rank-deficient, wide": 20,  # pixels that the camera does not tell apart are tied by little
+    "weights 1e-7 to 1e3": 300,  # noise of the brightest pixels drives the faintest pixel over its full range
+    "rank-deficient, wide": 20,  # pixels that the camera cannot separate have weak ties
 }
 CASES = {
     case.name: case
@@ -59,7 +59,7 @@ def possible(case: HardCase) -> HardCase:
 
 
 def known_wrong(case: HardCase) -> float:
-    """RMS error that T itself makes where it is not what the camera sees by: steps may come closer to that, too."""
+    """RMS error of T itself against the true transport; steps may also come this much closer to the target."""
     if case.truth is None:
         return 0.0
     p = hard.rng(15).uniform(size=case.T.shape[1])

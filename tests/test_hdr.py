@@ -22,12 +22,12 @@ from counterlight.tools.hdr.weights import weight_table
 from tests.brackets import CURVES, codes_of, random_scene
 from tests.studies.recovery import recovered, samples_of
 
-with warnings.catch_warnings(record=True):  # colour, which it imports, says that matplotlib is not there
+with warnings.catch_warnings(record=True):  # colour-hdri imports colour, which warns that matplotlib is missing
     warnings.simplefilter("ignore")
     import colour_hdri
 
 LINEAR = CURVES["linear"]
-FLOAT32_RTOL = 3e-7  # the result is rounded to float32, relative 6e-8, the sums are float64
+FLOAT32_RTOL = 3e-7  # the result is rounded to float32, relative 6e-8; the sums are float64
 
 
 def estimate(
@@ -54,7 +54,7 @@ def test_weights_are_those_of_the_thesis() -> None:
 
 
 def by_hand(z: list[int], times: list[float], method: str, weighting: str, f: np.ndarray, w: np.ndarray) -> float:
-    """One pixel and channel by equations 3.4 and 3.6 as they stand."""
+    """Estimate one pixel and channel with equations 3.4 and 3.6."""
     terms = [(float(w[code]), float(f[code]), t) for code, t in zip(z, times, strict=True) if w[code] > 0]
     bound = max((1 / t for code, t in zip(z, times, strict=True) if code == len(f) - 1), default=0.0)
     if not terms:
@@ -89,7 +89,7 @@ def test_each_pixel_follows_the_equations(
 def test_the_light_comes_back_within_the_quantisation(
     rng: np.random.Generator, method: str, name: str, top: int
 ) -> None:
-    """A weighted mean lies between its terms, and each of these is off by at most half a code."""
+    """A weighted mean lies between its terms, each of which is off by at most half a code."""
     light = random_scene(rng, (40, 56, 3))
     times = [0.5, 4.0, 32.0, 256.0]
     response = CURVES[name]
@@ -109,9 +109,10 @@ def test_the_light_comes_back_within_the_quantisation(
 
 @pytest.mark.parametrize("method", ["debevec", "robertson"])
 def test_what_no_picture_measured_is_bounded(method: str) -> None:
-    codes = np.array([[255, 0, 0, 128, 255, 0], [255, 0, 251, 255, 240, 1]], np.uint8)  # the fifth contradicts itself
+    # the fifth pixel contradicts itself
+    codes = np.array([[255, 0, 0, 128, 255, 0], [255, 0, 251, 255, 240, 1]], np.uint8)
     times = [0.5, 4.0]
-    for order in (slice(None), slice(None, None, -1)):  # the bound does not depend on which comes first
+    for order in (slice(None), slice(None, None, -1)):  # the bound does not depend on the order
         shots = [(z.reshape(2, 3, 1), t) for z, t in list(zip(codes, times, strict=True))[order]]
         merged = merge(shots, LINEAR, MergeOptions(method))
         np.testing.assert_allclose(
@@ -141,12 +142,12 @@ def test_a_hundred_pictures_need_no_more_memory_than_ten(rng: np.random.Generato
         return result
 
     few = peak(10)
-    assert few < 40 * codes.size  # 20 bytes of sums, 4 of the result, masks; the chunk beside them is fixed
-    assert peak(100) < few + codes.size / 2  # a picture kept would be codes.size
+    assert few < 40 * codes.size  # 20 bytes of sums, 4 of the result, masks; the chunk next to them is fixed
+    assert peak(100) < few + codes.size / 2  # a stored picture would take codes.size
 
 
 def random_bracket(rng: np.random.Generator, shape: tuple[int, int, int]) -> tuple[list[np.ndarray], np.ndarray]:
-    """13 exposures a stop apart, as in the thesis' figure 3.2."""
+    """13 exposures, one stop apart, as in the thesis' figure 3.2."""
     times = (0.01 * 2.0 ** np.arange(13)).astype(np.float32)
     light = np.exp(rng.normal(0, 1.5, shape))
     return [codes_of(light, float(t), CURVES["film"]).repeat(3 // shape[2], axis=2) for t in times], times
@@ -154,11 +155,12 @@ def random_bracket(rng: np.random.Generator, shape: tuple[int, int, int]) -> tup
 
 @pytest.mark.parametrize(("method", "channels"), [("robertson", 3), ("debevec", 1)])
 def test_opencv_merges_alike(rng: np.random.Generator, method: str, channels: int) -> None:
-    """Debevec on neutral pictures only: OpenCV weighs a pixel by the mean of its channels' weights, not each by its."""
+    """Debevec on neutral pictures only, because OpenCV weighs each channel by the mean of all channels' weights."""
     codes, times = random_bracket(rng, (60, 80, channels))
     f = exposure_table(CURVES["film"], 256, 3)
     opencv = cv2.createMergeRobertson() if method == "robertson" else cv2.createMergeDebevec()
-    for_opencv = np.maximum(f, f[1] / 2).astype(np.float32).reshape(256, 1, 3)  # its logarithm of 0 has a weight of 0
+    # OpenCV's logarithm of 0 has a weight of 0
+    for_opencv = np.maximum(f, f[1] / 2).astype(np.float32).reshape(256, 1, 3)
     theirs = opencv.process(codes, times, for_opencv)
     weights = weight_table("gaussian" if method == "robertson" else "hat", 256)
     ours = estimate(codes, [float(t) for t in times], method, for_opencv[:, 0].astype(np.float64), weights)
@@ -170,7 +172,7 @@ def test_opencv_merges_alike(rng: np.random.Generator, method: str, channels: in
 
 
 def test_each_channel_is_weighed_by_itself(rng: np.random.Generator) -> None:
-    """Where a colour clips in one channel, the mean of the channels' weights, as OpenCV takes it, lets it in."""
+    """Where a colour clips in one channel, OpenCV's mean weight of the channels still includes it."""
     codes, times = random_bracket(rng, (60, 80, 3))
     truth = np.exp(np.random.default_rng(20060504).normal(0, 1.5, (60, 80, 3)))
     f = exposure_table(CURVES["film"], 256, 3)
@@ -180,15 +182,15 @@ def test_each_channel_is_weighed_by_itself(rng: np.random.Generator) -> None:
     )
     well = np.sum([(z > 20) & (z < 235) for z in codes], axis=0) >= 2
     errors = [np.percentile(np.abs(picture / truth - 1)[well], 99) for picture in (ours, theirs)]
-    assert errors[0] < 0.02  # half a code of 20 with a steep curve, several of them averaged
+    assert errors[0] < 0.02  # half a code of 20 with a steep curve, averaged over several codes
     assert errors[1] > 5 * errors[0]
 
 
 @pytest.mark.parametrize("name", list(CURVES))
 @pytest.mark.parametrize(
     ("method", "stops", "pictures", "tolerance"),
-    # Debevec smooths ln f⁻¹, which a straight line bends most: 3 % there, 1 % else. Robertson needs small steps: with
-    # exposure ratios of k, a ripple with that period in ln E is invisible to it.
+    # Debevec smooths ln f⁻¹, which is most curved for a straight line: 3 % there, 1 % elsewhere. Robertson needs small
+    # steps: a ripple in ln E with the period of the exposure ratio is invisible to it.
     [("debevec", 2, 5, 0.05), ("debevec", 1, 13, 0.02), ("robertson", 1, 13, 0.05)],
 )
 def test_the_response_is_recovered(
@@ -200,7 +202,7 @@ def test_the_response_is_recovered(
 
 
 def test_debevecs_system_is_the_papers(rng: np.random.Generator) -> None:
-    """colour-hdri solves it as printed, with one unknown a pixel; without those the answer is the same."""
+    """colour-hdri solves the printed system with one unknown per pixel; the product eliminates these unknowns."""
     times = [0.1, 0.8, 3.2]
     codes = (samples_of(rng, CURVES["srgb"], times, 60, 0.02)[..., 0] * 255).round().astype(int)
     weights = weight_table("hat", 256)
@@ -211,7 +213,7 @@ def test_debevecs_system_is_the_papers(rng: np.random.Generator) -> None:
 
 
 def test_opencv_recovers_the_same_response_by_robertson(rng: np.random.Generator) -> None:
-    """On every pixel of a picture, after as many rounds; codes next to the ends differ, OpenCV counts clipped ones."""
+    """Compared on every pixel after equal rounds; codes near the ends differ, because OpenCV counts clipped codes."""
     times = [2.0**i for i in range(-8, 3)]
     light = random_scene(rng, (96, 96, 1))
     codes = [codes_of(light, t, CURVES["film"]).repeat(3, axis=2) for t in times]
@@ -241,7 +243,7 @@ def real_bracket(shared_data: Path) -> tuple[Path, list[np.ndarray], list[float]
 
 
 def well_exposed(codes: list[np.ndarray]) -> np.ndarray:
-    """Of every second pixel, as the references hold them: neither black nor clipped in any picture."""
+    """Pixels neither black nor clipped in any picture, of every second row and column like the references."""
     return np.all([np.all((z > 5) & (z < 250), axis=-1) for z in codes], axis=0)[::2, ::2]
 
 
@@ -249,7 +251,7 @@ def well_exposed(codes: list[np.ndarray]) -> np.ndarray:
 def test_a_real_bracket_merges_as_colour_hdri_merges_it(
     real_bracket: tuple[Path, list[np.ndarray], list[float]], method: str, stops: float
 ) -> None:
-    """With sRGB as the given response. Its mean is that of E, neither that of ln E nor weighed by time: hence stops."""
+    """With sRGB as the given response. The tolerance is in stops, because the reference averages E unweighted."""
     folder, codes, times = real_bracket
     with np.load(folder / "reference_colour_hdri_0.2.6.npz") as reference:
         theirs = reference["hdr_srgb_decoded_rgb"]
@@ -270,7 +272,7 @@ def test_a_real_bracket_merges_as_opencv_merges_it(real_bracket: tuple[Path, lis
 
 
 def test_the_response_of_a_real_camera(real_bracket: tuple[Path, list[np.ndarray], list[float]]) -> None:
-    """On the reference's own samples the system has the reference's answer; on ours the curve is nearly the same."""
+    """With the reference's samples, the answer is equal; with the product's samples, the curve is close."""
     folder, _, times = real_bracket
     weights = colour_hdri.weighting_function_Debevec1997(np.linspace(0, 1, 256))
     samples = np.load(folder / "upstream_test_samples_Grossberg2003.npy")

@@ -1,4 +1,4 @@
-"""The heartbeat: what is told to whom, to a log, a service manager, a supervisor; none of them stops a show."""
+"""The heartbeat: messages to a log, a service manager and a supervisor; none of them can stop a show."""
 
 import json
 import os
@@ -50,7 +50,7 @@ def test_the_service_manager_hears_it(tmp_path: Path, manager: socket.socket, cl
     assert read_facts(first) == {"path": "a\nREADY=0", "time_pos": 2.5}
     assert read_facts(second) == {"time_pos": 4.5}
     heart = Heartbeat(None, Notifier(str(tmp_path / "notify")))
-    heart.beat({"path": "\udcff\x1b"})  # a name that is no text
+    heart.beat({"path": "\udcff\x1b"})  # a name that is not valid text
     assert received(manager)["STATUS"] == r"path \udcff\x1b"
     heart.close()
     assert read_facts({FACTS: "{"}) == read_facts({FACTS: "[]"}) == read_facts({}) == {}
@@ -63,7 +63,7 @@ def test_an_abstract_socket_and_one_that_is_not_there() -> None:
         notifier = Notifier("@" + name)
         notifier.send(WATCHDOG="1")
         assert inbox.recv(100) == b"WATCHDOG=1"
-    notifier.send(WATCHDOG="1")  # nobody hears it, nothing happens
+    notifier.send(WATCHDOG="1")  # no receiver: no error
     notifier.close()
 
 
@@ -91,7 +91,7 @@ def test_a_reader_that_does_not_read_stops_nothing(tmp_path: Path, clock: Clock)
         heart.beat({})
     os.close(reader)
     clock.now += 1
-    heart.beat({})  # nor one that has gone
+    heart.beat({})  # a closed pipe causes no error either
     heart.close()
     with pytest.raises(InputError, match="no heartbeat can be written here"):
         Heartbeat(tmp_path / "no" / "log", Notifier(None))

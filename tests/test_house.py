@@ -1,4 +1,4 @@
-"""The house: which way imports point, what the wheel holds, that every command answers and the checkout stays small."""
+"""House rules: the direction of imports, the content of the wheel, an answer from every command, a small checkout."""
 
 import ast
 import functools
@@ -23,7 +23,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LARGEST_FILE = 8 << 20
 TIMEOUT_S = 120.0  # a command's imports on a busy machine
 
-# Whose modules import Numba, which imports scipy: nothing else does before it multiplies.
+# Their modules import Numba, which imports scipy; no other module imports it before it multiplies.
 COMPILED = tuple(
     f"counterlight.{name}"
     for name in (
@@ -33,7 +33,8 @@ COMPILED = tuple(
 )
 HEAVY = {"scipy", "numba", "moderngl", "glcontext", "glfw"}
 LOADED = "print(*(name for name in sys.modules if name.split('.')[0] in HEAVY or name.startswith(FOREIGN)))"
-FOLDERS = {"player": "counterlight", "tools": "counterlight.tools"}  # of modules, and what they are imported as
+# folders of modules, and the names under which they are imported
+FOLDERS = {"player": "counterlight", "tools": "counterlight.tools"}
 
 
 def sources(*folders: str) -> list[Path]:
@@ -46,7 +47,7 @@ def parsed(path: Path) -> ast.Module:
 
 @functools.cache
 def imported(path: Path) -> set[str]:
-    """Every module that a file imports at any level, functions included, by its full name."""
+    """Returns the full name of every module that a file imports at any level, including in functions."""
     names: set[str] = set()
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
@@ -62,7 +63,7 @@ def roots(path: Path) -> set[str]:
 
 
 def modules(folder: str) -> Iterator[str]:
-    """What the files of a folder are imported as; not the command, which has no arrow to bear."""
+    """Yield the import names of a folder's files, without `__main__`, which may import anything."""
     for path in sources(folder):
         if path.stem == "__main__":
             continue
@@ -77,7 +78,7 @@ def packages_on_disk() -> Iterator[str]:
 
 
 def loaded_by(*names: str) -> list[str]:
-    """What a fresh interpreter has loaded, of what is heavy or belongs to the tools, after importing modules."""
+    """Import modules in a fresh interpreter; return the loaded modules that are heavy or belong to the tools."""
     foreign = ("counterlight.tools", "counterlight.gl.")
     code = f"HEAVY, FOREIGN = {HEAVY!r}, {foreign!r}\nimport sys, {', '.join(names)}\n{LOADED}"
     return python("-c", code).split()
@@ -107,13 +108,13 @@ def test_nothing_in_the_player_imports_tools() -> None:
 
 
 def module_of(path: Path) -> str:
-    """What a file of the player or the tools is imported as."""
+    """Returns the import name of a file of the player or the tools."""
     folder, *parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join((FOLDERS[folder], *(part for part in parts if part != "__init__")))
 
 
 def test_no_file_imports_itself_through_others() -> None:
-    """Imports for the type checker and within functions count, too."""
+    """Imports for the type checker and in functions also count."""
     files = {module_of(path): imported(path) for path in sources("player", "tools")}
     arrows = {
         name: {told if told in files else told.rpartition(".")[0] for told in names} & files.keys() - {name}
@@ -125,7 +126,7 @@ def test_no_file_imports_itself_through_others() -> None:
         pytest.fail(" <- ".join(error.args[1]))
 
 
-ROOMS = {  # of the player, and which others each may know
+ROOMS = {  # folders of the player, and the folders that each may import
     "errors": "",
     "arrays": "errors",
     "memory": "errors",
@@ -153,7 +154,7 @@ ROOMS = {  # of the player, and which others each may know
 
 def test_the_rooms_of_the_player_know_what_they_may_and_no_more() -> None:
     rooms = {name: set(others.split()) for name, others in ROOMS.items()}
-    list(TopologicalSorter(rooms).static_order())  # no two know each other
+    list(TopologicalSorter(rooms).static_order())  # no two import each other
     known: dict[str, set[str]] = {name: set() for name in rooms}
     for path in sources("player"):
         room = path.relative_to(ROOT / "player").with_suffix("").parts[0]
@@ -190,14 +191,14 @@ def test_every_dependency_is_pinned_by_version_alone() -> None:
 
 
 def declared() -> set[str]:
-    """The dependencies of pyproject.toml, extras included."""
+    """Dependencies in pyproject.toml, including extras."""
     project = PROJECT["project"]
     extras = project["optional-dependencies"].values()
     return {normal_name(requirement) for group in (project["dependencies"], *extras) for requirement in group}
 
 
 def normal_name(requirement: str) -> str:
-    """`tomli_w==1.2.0` -> `tomli-w`."""
+    """Normalise a requirement to a package name: `tomli_w==1.2.0` -> `tomli-w`."""
     return re.sub(r"[-_.]+", "-", re.split(r"[<>=!~;\[ ]", requirement)[0]).lower()
 
 
@@ -223,7 +224,7 @@ def test_the_command_lists_its_verbs_and_names_the_nearest() -> None:
     assert "no verb 'bild'; did you mean 'build'?" in fail("bild")
     assert "did you mean '--regularize'?" in fail("build", "room", "--regularise", "0.1")
     assert "did you mean '--colour'?" in fail("build", "room", "--color", "pixel")
-    for option in ("--color", "--report"):  # --follow and --remote are other words
+    for option in ("--color", "--report"):  # --follow and --remote are different words
         assert fail("play", "room", "x.png", option) == (
             f"error: counterlight play: unrecognized arguments: {option}; see counterlight play --help"
         )
@@ -251,7 +252,7 @@ def test_the_scripts_that_the_mission_names_are_verbs_of_their_own(verb: str, na
     ],
 )
 def test_shells_complete_verbs_options_and_choices(line: str, expected: set[str], tmp_path: Path) -> None:
-    """As argcomplete's scripts for the shells ask."""
+    """Complete words as argcomplete's scripts for the shells do."""
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9", "IFS": "\v"}
     environment = os.environ | asked | {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "found")}
     subprocess.run([script(line.split()[0])], env=environment, cwd=tmp_path, timeout=TIMEOUT_S, check=False)

@@ -1,4 +1,4 @@
-"""counterlight import-graycode as a user runs it: the folder that it writes, the summary, refusals in one line."""
+"""counterlight import-graycode as a user runs it: the folder that it writes, its summary, refusals in one line."""
 
 import re
 import subprocess
@@ -27,7 +27,7 @@ def captures(rng: np.random.Generator, tmp_path: Path) -> Path:
 
 
 def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
-    """The one line that a refused import prints; nothing may be left behind."""
+    """Returns the only line that a refused import prints; checks that it leaves no files."""
     before = sorted(folder.parent.iterdir())
     assert main([*arguments, "-o", str(folder)]) == 2
     printed = capsys.readouterr()
@@ -39,7 +39,7 @@ def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -
 
 
 def test_the_command_makes_a_calibration(captures: Path, tmp_path: Path) -> None:
-    """T·1 + e is the captured white inside the mask, e the captured black everywhere."""
+    """T·1 + e is the captured white inside the mask, and e is the captured black everywhere."""
     folder = tmp_path / "room"
     arguments = [
         str(captures),
@@ -70,7 +70,7 @@ def test_the_command_makes_a_calibration(captures: Path, tmp_path: Path) -> None
     np.testing.assert_allclose(room.ambient, np.repeat(black[..., None], 3, axis=2), rtol=2e-7)  # stored as float32
     composition = read_transport(stored).composition().reshape(*room.camera.shape, 3)
     expected = np.where(room.mask, white - black, 0)
-    # white and black are each rounded to float32, near black their difference keeps an absolute error
+    # white and black are each rounded to float32; near black, their difference keeps an absolute error
     np.testing.assert_allclose(composition, np.repeat(expected[..., None], 3, axis=2), atol=1e-7)
     assert 0.7 < room.mask[20:60, 20:100].mean() <= 1
 
@@ -97,12 +97,12 @@ def test_colour_weighs_each_channel(rng: np.random.Generator, tmp_path: Path) ->
     stored = calibration.read(tmp_path / "room")
     composition = read_transport(stored).composition().reshape(*stored.calibration.camera.shape, 3)
     pure = rig.pure & stored.calibration.mask
-    # white is rounded to whole code values, black is exactly 10
+    # white is rounded to whole code values, and black is exactly 10
     np.testing.assert_allclose(composition[pure] * 255, 190 * rig.albedo[pure], atol=0.5 + 1e-4)
 
 
 def test_what_decodes_but_is_hardly_lit_does_not_count(rng: np.random.Generator, tmp_path: Path) -> None:
-    """Ink of albedo 0.035 has a contrast of 6.6 code values, enough to decode, and 3.5 % of the light around it."""
+    """Ink of albedo 0.035 has a contrast of 6.6 code values, enough to decode, but 3.5 % of the light around it."""
     rig = make_rig(rng, noise=0)
     rig.albedo[30:40, 50:70] = 0.035
     write_opencv_captures(tmp_path / "captures", rig)

@@ -1,4 +1,4 @@
-"""counterlight import-transport as a user runs it: what goes in comes out, what is wrong is refused in one line."""
+"""counterlight import-transport as a user runs it: matrices are stored unchanged; errors are one line."""
 
 import contextlib
 import io
@@ -30,7 +30,7 @@ SHAPE = 9 * 13, 7 * 11
 
 @pytest.fixture
 def matrices(rng: np.random.Generator, tmp_path: Path) -> list[sparse.csr_array]:
-    """Three random matrices, written as red.npz, green.npz and blue.npz."""
+    """Three random matrices, also written as red.npz, green.npz and blue.npz."""
     made = [sparse.random_array(SHAPE, density=0.2, rng=rng, dtype=np.float32, format="csr") for _ in CHANNELS]
     for name, matrix in zip(CHANNELS, made, strict=True):
         sparse.save_npz(tmp_path / f"{name}.npz", matrix)
@@ -43,7 +43,7 @@ def arguments(tmp_path: Path, *more: str) -> list[str]:
 
 
 def refusal(tmp_path: Path, capsys: pytest.CaptureFixture[str], *more: str) -> str:
-    """The one line that a refused import prints; nothing may be left behind."""
+    """Returns the only line that a refused import prints; checks that it leaves no files."""
     before = sorted(tmp_path.iterdir())
     assert main(arguments(tmp_path, *more)) == 2
     printed = capsys.readouterr()
@@ -119,7 +119,7 @@ def truncated(matrix: sparse.csr_array, path: Path) -> None:
 
 
 def bomb(matrix: sparse.csr_array, path: Path) -> None:
-    """An archive whose directory claims 20 GiB, so that unpacking it must not even begin."""
+    """Write an archive whose directory claims 20 GiB, so that unpacking must not even begin."""
     claimed = (20 << 30) // 8
     with zipfile.ZipFile(path, "w") as archive:
         for i in range(8):
@@ -234,7 +234,7 @@ def test_other_ambient_files_are_refused(
 def test_ambient_brighter_than_the_projector_leaves_nothing_lit(
     tmp_path: Path, matrices: list[sparse.csr_array], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As when ambient light comes in code values and T in radiance."""
+    """This happens when ambient light is in code values and T in radiance."""
     np.save(tmp_path / "ambient.npy", np.full((*CAMERA, 3), 1e5))
     line = refusal(tmp_path, capsys, "--ambient", str(tmp_path / "ambient.npy"))
     assert "no camera pixel counts" in line
@@ -302,7 +302,7 @@ def test_a_calibration_is_replaced_only_with_force(
 
 
 def test_lit_pixels_of_a_spot_with_far_light() -> None:
-    """Directly lit pixels, dark ink among them, against far light at 3 % and none at all."""
+    """Directly lit pixels, including dark ink, against far light of 3 % and unlit pixels."""
     composition = np.full((20, 31, 3), 0.03)
     composition[:4] = 0
     composition[6:15, 8:22] = np.linspace(0.06, 1, 14)[:, None]

@@ -1,4 +1,4 @@
-"""Followers go where their leader is, and shows begin by the clock on the wall: on stages, whose clocks differ."""
+"""Followers keep their leader's position, and shows begin at a time of day, on stages whose clocks differ."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -12,11 +12,14 @@ from tests.programs import fail
 from tests.stage import Reader, Stage
 
 FRAME_S = 0.04
-APART_S = 5000.0  # the follower's clock less the leader's
+APART_S = 5000.0  # the follower's clock minus the leader's
 
 
 class Wire:
-    """Stands for a Beacon and a Listener that know the clocks exactly.  late_s : how old what is heard is."""
+    """Replace a Beacon and a Listener, with exact knowledge of the clocks.
+
+    late_s : age of received cues in seconds.
+    """
 
     def __init__(self, late_s: float = 0.1) -> None:
         self._cues: list[Cue] = []
@@ -34,7 +37,7 @@ class Wire:
 
 
 class Pair:
-    """A leader and a follower, step by step in the same time."""
+    """Leader and follower that advance together step by step."""
 
     def __init__(self, make: Callable[[], list[Reader]] = lambda: [Reader(count=1000)], **options: Any) -> None:
         self.wire = Wire()
@@ -97,7 +100,7 @@ def test_a_leader_s_seek_pause_step_and_speed_are_followed() -> None:
     assert pair.shown()[0] == pair.shown()[1]
     count = len(pair.follower.screen.uploaded)
     pair.advance(2)
-    assert len(pair.follower.screen.uploaded) == count  # nothing is sought again
+    assert len(pair.follower.screen.uploaded) == count  # no new seek
     pair.leader.commands.set("speed", 2.0)
     pair.leader.commands.set("pause", False)
     pair.advance(2)
@@ -117,7 +120,7 @@ def test_what_a_follower_is_told_otherwise_is_put_right() -> None:
 
 
 def test_round_about_a_medium_that_loops() -> None:
-    """Two seconds, looped by the reader; the follower is just before the end, the leader at the beginning."""
+    """The reader loops a medium of two seconds; the follower is near its end, the leader at its beginning."""
     pair = Pair(lambda: [Reader(count=50, loop=True)], loop_file=True)
     pair.follower.advance(1.9)
     pair.advance(7)
@@ -139,7 +142,7 @@ def test_the_list_is_followed_item_by_item() -> None:
     pair.advance(2)
     assert pair.follower.commands.get("playlist-playing-pos") == 2
     assert abs(pair.apart_s) < 0.005
-    pair.advance(4)  # round about
+    pair.advance(4)  # after a full round
     assert [stage.commands.get("playlist-playing-pos") for stage in (pair.leader, pair.follower)] == [0, 0]
     assert abs(pair.apart_s) < 0.005
 
@@ -150,7 +153,7 @@ def test_a_list_that_ends_before_is_told_once_in_a_while(capsys: pytest.CaptureF
     pair.wire._cues = [Cue(5, 0.0, 100.0, 1.0, False, True)] * 20
     pair.advance(4)
     assert capsys.readouterr().err.count("the leader plays medium 6, this list ends before") == 1
-    assert pair.follower.screen.uploaded[-1] > 90  # and plays
+    assert pair.follower.screen.uploaded[-1] > 90  # and still plays
 
 
 def test_a_leader_that_falls_silent_ends_nothing(capsys: pytest.CaptureFixture[str]) -> None:
@@ -193,7 +196,7 @@ def up(stage: Stage, made: Curtain, seconds: float, step: float = 0.01) -> None:
 
 @pytest.mark.parametrize("opens_s", [0.0, 2.5])
 def test_a_show_begins_by_the_clock(opens_s: float, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two seconds from now: black until then, then where it would be had it begun to the moment."""
+    """The show begins in two seconds: black until then, then at the position of a punctual start."""
     stage = Stage(Reader(count=1000, opens_s=opens_s))
     made = curtain(stage, datetime(2026, 11, 22, 20, 0, 0))
     begun_s = stage.clock.now + 2.0

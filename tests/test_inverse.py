@@ -1,4 +1,4 @@
-"""The inverse: Penrose conditions, truth by construction, certified the whole room."""
+"""The inverse: Penrose conditions, truth by construction, and certificates for the whole room."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def invert(near: tuple[Csr, ...], options: InverseOptions, mask: NDArray[np.bool
 @pytest.mark.parametrize("shape", [(8, 8), (13, 5), (5, 13)])
 def test_the_plain_inverse_meets_the_penrose_conditions(rng: np.random.Generator, shape: tuple[int, int]) -> None:
     A = rng.uniform(size=(4, *shape))
-    A[1, :, 0] = A[1, :, 1]  # one block without full rank
+    A[1, :, 0] = A[1, :, 1]  # one block is rank-deficient
     P = damped_inverse(A, np.zeros(4))
     for product in (A @ P, P @ A):
         np.testing.assert_allclose(product, np.swapaxes(product, 1, 2), atol=1e-9)  # cond ≤ 1e3 times float64 rounding
@@ -71,7 +71,7 @@ def test_batches_of_clusters_equal_one_dense_inverse(rng: np.random.Generator) -
         )
         assert result.clusters.count == 60
         expected = damped_inverse(T.toarray().astype(float), np.array(damping * largest_singular_value(T)))
-        # float32 weights; the largest entry of a plain inverse of such blocks is below 1e3.
+        # float32 weights; the largest entry of a plain inverse of such blocks is below 1e3
         np.testing.assert_allclose(channels(result.T_pinv)[1].toarray(), expected, rtol=1e-5, atol=1e-5)
 
 
@@ -107,7 +107,7 @@ def test_clusters_are_the_blocks_of_a_shuffled_block_matrix(rng: np.random.Gener
 
 
 def test_far_light_is_undone(rng: np.random.Generator) -> None:
-    """p = S⁺ (b − U M' D' b) solves (S + U M D) p = b when S is invertible and D', M' are complete."""
+    """The drive p = S⁺ (b − U M' D' b) solves (S + U M D) p = b if S is invertible and D', M' are complete."""
     n, cells = 40, 5
     S = sparse.csr_array(np.eye(n) + 0.1 * rng.uniform(size=(n, n)))
     U = sparse.csr_array(rng.uniform(size=(n, cells)))
@@ -119,7 +119,7 @@ def test_far_light_is_undone(rng: np.random.Generator) -> None:
     p = rng.uniform(size=(n, 3))
     b = Transport.from_matrices((S,) * 3, far).apply(p)
     near_light = b[:, 0] - undo.apply(b)[:, 0]
-    np.testing.assert_allclose(S_inverse @ near_light, p[:, 0], atol=1e-3)  # gathers' tails below 1e-4 are left out
+    np.testing.assert_allclose(S_inverse @ near_light, p[:, 0], atol=1e-3)  # tails of gathers below 1e-4 are dropped
 
 
 def test_transport_is_linear_and_its_transpose_is_one(rng: np.random.Generator) -> None:

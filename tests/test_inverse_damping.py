@@ -1,4 +1,4 @@
-"""λ: one Krylov basis against a solver for each λ, what the choice may depend on, and the noise of T."""
+"""Choice of λ: one Krylov basis against a solver per λ, what the choice may depend on, and the noise of T."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,8 @@ def test_one_basis_gives_every_damped_solution_that_lsmr_gives(rng: np.random.Ge
     found = basis(T, b, lambdas, 200, 1e-9).damped(lambdas)
     for p, damp in zip(found.T, lambdas, strict=True):
         expected = lsmr(T.astype(np.float64), b, damp=damp, atol=1e-13, btol=1e-13, maxiter=5000)[0]
-        np.testing.assert_allclose(p, expected, atol=3e-6 * np.abs(expected).max())  # a float32 basis of some 100 terms
+        # a float32 basis of about 100 terms
+        np.testing.assert_allclose(p, expected, atol=3e-6 * np.abs(expected).max())
 
 
 def test_its_error_bounds_hold_and_shrink(rng: np.random.Generator) -> None:
@@ -69,7 +70,7 @@ def test_largest_singular_value(rng: np.random.Generator) -> None:
     exact = np.linalg.svd(T.toarray(), compute_uv=False)[0]
     assert largest_singular_value(T) == pytest.approx(exact, rel=0.01)  # twenty steps, close second value
     assert largest_singular_value(1e-6 * T) == pytest.approx(1e-6 * exact, rel=0.01)
-    apart = sparse.csr_array(sparse.block_diag([T, 1.7 * T, 0.1 * T]))  # of many clusters, the strongest
+    apart = sparse.csr_array(sparse.block_diag([T, 1.7 * T, 0.1 * T]))  # the strongest of many clusters
     assert largest_singular_value(apart) == pytest.approx(1.7 * exact, rel=0.01)
     assert largest_singular_value(sparse.csr_array((3, 4))) == 0
 
@@ -90,25 +91,25 @@ def test_direct_mapping_is_hardly_damped() -> None:
 
 @pytest.mark.parametrize("shape", [(40, 25), (25, 40), (30, 30)])
 def test_noise_alone_is_not_inverted(shape: tuple[int, int]) -> None:
-    """Rank 4 and noise of 1e-3: whatever the seed, nothing is amplified by more than the noise's own norm allows."""
+    """T of rank 4 with noise of 1e-3: for every seed, amplification stays below the limit from the noise's norm."""
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         exact = rng.uniform(size=(shape[0], 4)) @ rng.uniform(size=(4, shape[1]))
         measured = exact * (1 + 1e-3 * rng.normal(size=shape))
         floor = noise_of_matrix(sparse.csr_array(measured), 1e-3)
-        assert np.linalg.norm(measured - exact, 2) <= floor  # what noise_of_matrix promises
+        assert np.linalg.norm(measured - exact, 2) <= floor  # the promise of noise_of_matrix
         told, untold = (damped_inverse(measured, np.zeros(()), noise) for noise in (1e-3, 0.0))
         assert np.linalg.norm(told, 2) < 1 / floor
         assert np.linalg.matrix_rank(told, tol=0.1 / np.linalg.norm(exact, 2)) == 4
         assert np.linalg.norm(untold, 2) > 1 / floor  # otherwise this test could not fail
         b = exact @ rng.uniform(size=shape[1])
         missed = exact @ (told @ b) - b
-        # First order in ‖N‖/σ₄: what the four directions of the signal turn by (Wedin 1973).
+        # first order in ‖N‖/σ₄: the rotation of the signal's four directions (Wedin 1973)
         assert np.linalg.norm(missed) <= 4 * floor / np.linalg.svd(exact)[1][3] * np.linalg.norm(b)
 
 
 def test_known_noise_keeps_a_map_from_amplifying_it(rng: np.random.Generator) -> None:
-    """The whole inverse of an ill-conditioned room, told and not told of 2 % of noise."""
+    """The whole inverse of an ill-conditioned room, with and without a stated noise of 2 %."""
     near = (blurred_transport(rng, CAMERA, PROJECTOR, 0.9),) * 3
     reach = np.full((MASK.size, 3), 0.5)
 
@@ -129,6 +130,6 @@ def test_no_candidate_is_below_the_noise(rng: np.random.Generator) -> None:
 
 
 def test_a_single_weight_is_known_to_a_fifth() -> None:
-    """A cluster of one pixel each is cut off where five standard deviations of its weight are the weight: 1 + 1 + 3."""
+    """A cluster of one pixel each is dropped if five standard deviations reach its weight: 1 + 1 + 3."""
     for noise, expected in ((0.19, 1 / 3), (0.21, 0.0)):
         assert damped_inverse(np.array([[3.0]]), np.zeros(()), noise)[0, 0] == pytest.approx(expected, rel=1e-12)

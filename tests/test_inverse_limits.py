@@ -1,4 +1,4 @@
-"""What counterlight build refuses, and that neither a refusal nor Ctrl-C touches the map that is there."""
+"""Refusals of counterlight build; neither a refusal nor Ctrl-C changes the existing map."""
 
 import os
 import pty
@@ -33,7 +33,7 @@ BUILD = "build"
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A room with its map, of 1200 projector pixels in one cluster."""
+    """Build a room with a map of 1200 projector pixels in one cluster."""
     folder = tmp_path_factory.mktemp("rooms") / "wall"
     write_blurred_room(folder, np.random.default_rng(7))
     done = command(BUILD, folder, "--regularize", "0.1")
@@ -84,7 +84,7 @@ def test_impossible_options_are_one_line_and_change_nothing(
 
 
 def test_an_inverse_that_cannot_fit_is_refused_before_the_work(tmp_path: Path) -> None:
-    """One chain of 65536 pixels on either side, inverted whole: 32 GiB a channel, and as many again to work."""
+    """One chain of 65536 pixels on either side, inverted whole, needs 32 GiB per channel and as much for the work."""
     side = 256
     chain = sparse.diags_array([np.ones(side**2), np.full(side**2 - 1, 0.1)], offsets=[0, 1], format="csr")
     device = Device(side, side, Response("linear"))
@@ -127,14 +127,14 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
     short, long = (InverseOptions(0.4, max_error, method="windowed") for max_error in (4.0, 0.0))
     needs = [invert_near_light(*arguments, each).T_pinv.indices.size * memory.ENTRY_BYTES for each in (short, long)]
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: sum(needs) // 2)
-    monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # room for the work itself
+    monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # enough memory for the work itself
     invert_near_light(*arguments, short)
     with pytest.raises(InputError, match=r"correction map, of about 0 million entries, needs .* --max-error"):
         invert_near_light(*arguments, long)
 
 
 def test_small_clusters_beside_large_ones_do_not_make_a_map_look_small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a large room most rows are of a pixel or two and come at once, and most entries are of windows."""
+    """In a large room, most rows are of one or two pixels and come at once, while most entries belong to windows."""
     whole, windowed, each = 9000, 1000, 500
 
     def pieces(first: int, count: int, entries: int, halo: int) -> Piece:
@@ -160,11 +160,11 @@ def test_available_memory_is_that_of_this_machine() -> None:
 
 def test_the_size_of_the_normal_matrix_is_foretold(rng: np.random.Generator) -> None:
     T = blurred_transport(rng, CAMERA, PROJECTOR, 0.6)
-    assert memory.normal_entries(T) == pytest.approx((T.T @ T).nnz, rel=0.1)  # a third of the columns are looked at
+    assert memory.normal_entries(T) == pytest.approx((T.T @ T).nnz, rel=0.1)  # a third of the columns are sampled
 
 
 def test_an_interrupt_leaves_the_previous_map(tmp_path: Path, built: Path) -> None:
-    """Ctrl-C while it inverts. Its progress bar, on a terminal, tells when that is."""
+    """Ctrl-C during the inversion, which is recognised by its progress bar on a terminal."""
     room = tmp_path / "wall"
     write_blurred_room(room, np.random.default_rng(7), (45, 64), (48, 64))
     first = command(BUILD, room, "--max-cluster", "60", "--regularize", "0.1")
@@ -186,4 +186,4 @@ def test_an_interrupt_leaves_the_previous_map(tmp_path: Path, built: Path) -> No
     assert (program.returncode, output) == (130, b"")
     assert b"Traceback" not in told
     assert describe_files(room) == before
-    assert not list(room.glob(".correction*"))  # no stage is left behind
+    assert not list(room.glob(".correction*"))  # no stage remains

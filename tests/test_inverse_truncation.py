@@ -1,4 +1,4 @@
-"""Certified truncation: no picture within the stated range changes more than the bound, and the worst one does."""
+"""Certified truncation: no picture within the stated range changes more than the bound, and the worst picture does."""
 
 import tomllib
 from pathlib import Path
@@ -36,7 +36,7 @@ def near(rng: np.random.Generator) -> tuple[Csr, ...]:
 
 @pytest.fixture
 def reach(rng: np.random.Generator) -> FloatArray:
-    """u: white is 0.5, a few pixels see ambient light that is brighter."""
+    """Returns u: white is 0.5, and a few pixels see brighter ambient light."""
     return np.maximum(0.5, rng.uniform(-1, 1, (CAMERA[0] * CAMERA[1], 3)))
 
 
@@ -47,7 +47,7 @@ def invert(near: tuple[Csr, ...], reach: FloatArray, max_error: float, damping: 
 
 
 def exact_inverses(near: tuple[Csr, ...]) -> list[FloatArray]:
-    """T⁺ in float64, nothing left out, by the definition."""
+    """T⁺ in float64 by its definition, without dropped entries."""
     inverses = []
     for T in near:
         A = T.toarray().astype(float)
@@ -57,9 +57,9 @@ def exact_inverses(near: tuple[Csr, ...]) -> list[FloatArray]:
 
 
 def worst_picture(exact: FloatArray, lost: FloatArray, reach: FloatArray) -> FloatArray:
-    """b = ± u, by the sign of what was lost, where something was; elsewhere so that neither drive is clamped.
+    """Worst picture for a row: b = ± u, by the sign of the lost entry; other entries prevent a clamp of both drives.
 
-    That is where the exact drive is half of what is reached at most, or 0.5.
+    They bring the exact drive to 0.5, or to half of the reachable drive if less.
     """
     dropped = np.abs(lost) > 1e-7 * np.abs(exact).max()
     adverse = np.where(dropped, np.sign(lost) * reach, 0.0)
@@ -79,7 +79,7 @@ def test_no_picture_in_range_changes_more_than_certified(
         u, stored = reach[:, colour], matrices[colour].toarray()
         signs = np.sign(exact - stored)
         pictures = [u[:, None] * rng.uniform(-1, 1, (u.size, 50)), u[:, None] * rng.choice([-1, 1], (u.size, 50))]
-        pictures.append(signs.T * u[:, None])  # the worst one for each row
+        pictures.append(signs.T * u[:, None])  # the worst picture of each row
         for b in pictures:
             assert np.all(np.abs(b) <= u[:, None])
             change = np.abs((exact - stored) @ b)
@@ -89,7 +89,7 @@ def test_no_picture_in_range_changes_more_than_certified(
             assert np.all(clamped <= bound)
             T = near[colour].toarray().astype(float)
             seen = np.abs(T @ (np.clip(exact @ b, 0, 1) - np.clip(stored @ b, 0, 1)))
-            assert np.all(seen <= T @ bound)  # T ≥ 0: what the camera sees
+            assert np.all(seen <= T @ bound)  # T ≥ 0: bound on the camera picture
 
 
 @pytest.mark.parametrize("max_error", [0.1, 0.5, 4.0])
@@ -105,16 +105,16 @@ def test_the_worst_picture_comes_near_the_bound(near: tuple[Csr, ...], reach: Fl
             b = worst_picture(exact[i], exact[i] - stored[i], u)
             assert np.all(np.abs(b) <= u * (1 + ROUNDING))
             drive, kept = exact[i] @ b, stored[i] @ b
-            assert 0 < min(drive, kept) <= max(drive, kept) < 1  # the clamp hides nothing
+            assert 0 < min(drive, kept) <= max(drive, kept) < 1  # no clamp hides a change
             change = abs(drive - kept)
             assert change <= found.truncation[i, colour] + ROUNDING
             assert change >= found.truncation[i, colour] / 2
             used.append(found.truncation[i].max())
-    assert np.median(used) >= 0.6 * max_error / 255  # the budget is used, though the channels share one pattern
+    assert np.median(used) >= 0.6 * max_error / 255  # the budget is used, although the channels share one pattern
 
 
 def test_the_bound_in_camera_radiance_is_reached(rng: np.random.Generator) -> None:
-    """Each projector pixel is seen by four camera pixels of its own: one picture is the worst for all of them."""
+    """Each projector pixel is seen by four camera pixels of its own, so that one picture is the worst for all."""
     weights = rng.uniform(0.05, 1, (60, 4))
     weights[:, 1:] *= 0.05
     camera = np.arange(240)
@@ -151,7 +151,7 @@ def test_a_room_keeps_the_bounds_of_its_manifest(tmp_path: Path, rng: np.random.
         c = np.where(rng.integers(0, 2, (pixels, 40)), white, 0.0)  # black and white camera pixels: within the range
         b = c - ambient[:, i, None]
         drives = np.clip(exact @ b, 0, 1), np.clip(kept @ b, 0, 1)
-        tolerance = whole.inverse.truncation.max()  # what the whole one rounds
+        tolerance = whole.inverse.truncation.max()  # rounding of the whole inverse
         assert np.abs(drives[0] - drives[1]).max() <= certified["truncation_drive"] + tolerance
         seen = np.abs(channel(transport.near, i) @ (drives[0] - drives[1]))
         assert 0 < seen.max() <= certified["truncation_camera_radiance"] + tolerance
@@ -159,12 +159,12 @@ def test_a_room_keeps_the_bounds_of_its_manifest(tmp_path: Path, rng: np.random.
 
 
 def test_rounding_to_float32_counts() -> None:
-    """Weights of a million that cancel: float32 alone moves the drive, and the bound says so."""
+    """With weights of a million that cancel, float32 alone changes the drive, and the bound includes it."""
     weights = 1e6 * np.array([[1 + 1e-8, -1.0, 1e-6]])
     blocks = np.broadcast_to(weights, (3, 1, 1, 3))
     piece = truncated_piece(np.array([[0]]), np.array([[0, 1, 2]]), blocks, Truncation(np.ones((3, 3)), 0.5 / 255))
     lost = weights[0] - piece.weights[:, 0].astype(float)
-    assert piece.lengths[0] == 3  # rounding has used the budget up
+    assert piece.lengths[0] == 3  # rounding has used the whole budget
     np.testing.assert_allclose(piece.changed[0], np.abs(lost).sum(), rtol=1e-12)
     assert piece.changed[0, 0] > 0.5 / 255
 

@@ -1,4 +1,4 @@
-"""Windows: rows of a damped inverse solved locally, their residual as a certificate, and what is inverted how."""
+"""Windows: rows of a damped inverse solved locally, certified by their residual, and the choice of method."""
 
 import numpy as np
 import pytest
@@ -46,8 +46,8 @@ def test_last_columns_of_inverse(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(found, np.linalg.inv(N)[:, 30 - count :], atol=1e-12)  # float64, condition 200
 
 
-@pytest.mark.parametrize("reach", [1, 7, 29])  # a band, a wide one, and none that is worth it
-@pytest.mark.parametrize("rasters", [1, 2])  # of neighbours side by side, or of each second one in the other raster
+@pytest.mark.parametrize("reach", [1, 7, 29])  # a narrow band, a wide band, and a reach too wide for a band solver
+@pytest.mark.parametrize("rasters", [1, 2])  # neighbours side by side, or every second one in the other raster
 def test_columns_of_inverse_of_a_band(rng: np.random.Generator, reach: int, rasters: int) -> None:
     A = np.triu(np.tril(rng.normal(size=(30, 30)), reach), -reach)
     order = np.argsort(np.arange(30) % rasters, kind="stable")
@@ -60,7 +60,7 @@ def test_columns_of_inverse_of_a_band(rng: np.random.Generator, reach: int, rast
 
 
 def test_the_residual_says_exactly_what_a_window_misses(rng: np.random.Generator, blur: Csr) -> None:
-    """Row x on a window, r = N x − 1_i: for any picture p̃_i − p_i = rᵀ p, p the exact drive, at most ‖r‖₁ max|p|."""
+    """Row x on a window has r = N x − 1_i, and p̃_i − p_i = rᵀ p, at most ‖r‖₁ max|p|; p is the exact drive."""
     channel = WindowedChannel(blur, damping := 0.05)
     windows = Windows(EVERYWHERE, 4, 8)
     corner = (5, 12)
@@ -117,7 +117,7 @@ def test_each_block_grows_its_own_halo(rng: np.random.Generator) -> None:
     on_the_right = np.array([columns[piece.rows[0]] >= 17 for piece in pieces])
     assert np.median(halos[on_the_right]) > np.median(halos[~on_the_right])
     assert max(piece.residual.max() for piece in pieces) <= tolerance
-    assert halos.max() < HALOS[-1]  # met, not given up
+    assert halos.max() < HALOS[-1]  # the tolerance is met, not abandoned
     assert plan_windows(channel, EVERYWHERE, tolerance).windows.halo in halos
 
 
@@ -165,7 +165,7 @@ def test_a_large_cluster_has_no_plain_inverse(blur: Csr, damping: float, monkeyp
 
 
 def test_a_residual_that_is_not_met_is_reported(rng: np.random.Generator) -> None:
-    """Hardly damped and out of focus: rows do not decay within the widest window."""
+    """With little damping and much blur, rows do not decay within the widest window."""
     T = blurred_transport(rng, CAMERA, PROJECTOR, 1.5)
     channel = WindowedChannel(T, 1e-4)
     found = next(
@@ -173,7 +173,7 @@ def test_a_residual_that_is_not_met_is_reported(rng: np.random.Generator) -> Non
             (channel,) * 3, Windows(EVERYWHERE, HALOS[0], 4), Truncation(np.full((T.shape[0], 3), 0.5), 0), 1e-3
         )
     )()
-    assert found.halo == HALOS[1]  # two say that the widest would not do, either
+    assert found.halo == HALOS[1]  # the second halo shows that the widest would also fail
     assert found.residual.max() > 1e-3
     widest = channel.solve(found.rows, np.arange(T.shape[1])[EVERYWHERE.ravel()][: -PROJECTOR[1] * 2])
     assert widest.residual.max() > 1e-3
