@@ -1,4 +1,4 @@
-"""Light outside the camera's view: momentum carried through a film does not build it up, from any start of refinement."""
+"""Light outside the camera's view: momentum carried through a film does not build it up, from any start."""
 
 from dataclasses import replace
 from functools import cache
@@ -81,7 +81,7 @@ def outside(objective: Objective, shown: list[FloatArray]) -> float:
 @pytest.mark.parametrize("width", [0.4, 0.8, 1.6])
 @pytest.mark.parametrize("start", STARTS)
 def test_light_outside_is_at_most_what_the_best_pictures_have(start: str, width: float) -> None:
-    """Few and many steps, a film and a still picture stay near the optimum. Pixels that no camera pixel sees stay dark."""
+    """Few and many steps stay near the optimum, in a film and a still. Pixels that no camera pixel sees stay dark."""
     edge, objective = room(width)
     ambient, playing = edge.ambient, replace(edge, start=start)
     frames = film(edge.white)

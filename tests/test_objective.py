@@ -29,7 +29,7 @@ LINEAR = Response("linear")
 
 
 def row_of_footprints(width: float, *, pixels: int = 60, raster: int = 20, step: float = 0.5) -> np.ndarray:
-    """Return T of a line of camera pixels, each seeing `width` projector pixels. The first ones lie left of the raster."""
+    """Return T of a line of camera pixels that see `width` projector pixels each, starting left of the raster."""
     edges = np.arange(raster + 1)
     starts = step * np.arange(pixels) - 5.0
     share = np.clip(np.minimum(edges[1:], starts[:, None] + width) - np.maximum(edges[:-1], starts[:, None]), 0, None)

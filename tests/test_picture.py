@@ -282,7 +282,7 @@ def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:
 
 
 def test_the_clipping_map_shows_what_the_room_cannot() -> None:
-    """White at 0.6 of the target gets full colour; black in ambient light of 0.1 gets half and a fifth; grey gets none."""
+    """White at 0.6 of its target is fully coloured; black in ambient light of 0.1, by half and a fifth; grey, not."""
     codes = np.zeros((24, 32, 3), np.uint8)
     codes[:, 8:24], codes[:, 24:] = 128, 255
     room, picture = diagonal_room(0.5, 0.1), Adjustments(clipping=True)

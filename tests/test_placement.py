@@ -54,7 +54,7 @@ def test_a_mirrored_picture_is_mirrored(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("angle", [0, 17, 45, 80])
 def test_a_fine_pattern_made_small_becomes_its_mean(angle: int) -> None:
-    """A target pixel covers seven single-pixel squares of a chequerboard. Sampling without a filter would give 0 and 1."""
+    """A target pixel covers seven single-pixel squares of a chequerboard. Sampling alone would give 0 and 1."""
     board = np.repeat((np.indices((300, 300)).sum(axis=0) % 2)[..., None], 3, axis=2).astype(float)
     turn = np.deg2rad(angle)
     radius = 300 / 7 / 100 / np.sqrt(2)
