@@ -187,7 +187,7 @@ def test_folders_that_show_no_ramp(
 
 
 def test_a_measured_projector_is_linearised(shared_data: Path, tmp_path: Path) -> None:
-    """The response of a real DLP projector is fitted to every second level. Inverted, it linearises the other levels."""
+    """The response of a DLP projector is fitted to every second level. Inverted, it linearises the other levels."""
     folder = shared_data / "projector-response-scannersim"
     if not folder.is_dir():
         pytest.skip("no shared data beside this checkout")

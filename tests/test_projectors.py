@@ -170,7 +170,7 @@ def until(condition: object, what: str) -> None:
 def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The keeper switches on before the show and off afterwards, but not in between. One projector is slow, one absent."""
+    """The keeper switches on before the show and off afterwards, but not in between. One is slow, one absent."""
     monkeypatch.setattr(hours, "AGAIN_S", 0.02)
     now = [at("23 09:00:00")]
     with projector(slow=3, erst="000010") as slow, projector(power=ON) as lit:
@@ -197,7 +197,7 @@ def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
 
 
 def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The projector obeys off and then on. The test completes the warm-up by hand, and the keeper switches off again."""
+    """The projector obeys off and then on. The test completes the warm-up by hand, and the keeper switches off."""
     monkeypatch.setattr(hours, "AGAIN_S", 0.2)
     now = [at("23 09:00:00")]
     with projector(slow=10**6) as lamp:

@@ -33,7 +33,7 @@ QUIET = Noise(np.full(3, 1e-6), np.full(3, 1e-9))
 
 
 def axis(camera: int, projector: int) -> FloatArray:
-    """Return (camera, projector + 2 BEYOND): a Gaussian's share per pixel. The camera sees one pixel more on each side."""
+    """Return (camera, projector + 2 BEYOND): a Gaussian's share per pixel. The camera sees one pixel more per side."""
     u = -1 + (np.arange(camera)[:, None] + 0.5) * (projector + 2) / camera
     edges = np.arange(-BEYOND, projector + BEYOND + 1)
     return np.diff(special.ndtr((edges - u) / BLUR), axis=1)
