@@ -140,7 +140,7 @@ def photographed(exchange: Path, stored: Callable[[NDArray[np.uint8]], bytes], s
 def test_jpegs_of_a_webcam_stop_the_acquisition_until_their_curve_is_given(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The same captures go on with --camera-response."""
+    """With --camera-response, the same captures continue the acquisition."""
     rig = rig_of("wall")
     height, width = rig.raster
     words = ["--camera", f"folder:{tmp_path / 'exchange'}", "--projector", f"{width}x{height}", "-o"]

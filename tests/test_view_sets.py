@@ -32,7 +32,7 @@ def shifted(by: float) -> np.ndarray:
 
 
 def seen_view(shift: float, gain: float = 1.0) -> tuple[Calibration, Transport]:
-    """Return a flat wall seen from further to the right."""
+    """Return the calibration and T of a flat wall, for a camera shifted to the right."""
     transport = transport_seen(FIRST, homography(shifted(shift)), (gain, gain, gain))
     return calibration_of(transport, f"at {shift}"), transport
 

@@ -110,7 +110,7 @@ def test_at_a_view_the_drive_is_that_of_the_view_alone(views: list[PhysicalRoom]
 
 @pytest.mark.parametrize("share", [0.25, 0.5])
 def test_between_views_steps_end_at_scipys_answer(views: list[PhysicalRoom], share: float) -> None:
-    """The solution of min Σ λ ‖T p − b‖² within 0..1, from dense matrices by bounded-variable least squares."""
+    """Bounded-variable least squares on dense matrices gives min Σ λ ‖T p − b‖² within 0..1."""
     found = drawn(CpuRenderer(as_set(views)), ((share, 0),), 4000).reshape(-1, 3)
     rows, asked = [list[np.ndarray]() for _ in range(3)], [list[np.ndarray]() for _ in range(3)]
     for weight, view in zip((1 - share, share), views, strict=True):
