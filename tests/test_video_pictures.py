@@ -66,7 +66,7 @@ def test_alpha_is_composited_over_black(tmp_path: Path, rng: np.random.Generator
 def test_sequence(tmp_path: Path, rng: np.random.Generator) -> None:
     pictures = [rng.integers(0, 256, (9, 15, 3)).astype(np.uint8) for _ in range(12)]
     for i, picture in enumerate(pictures):
-        write_picture(tmp_path / f"p{i + 97:03d}.png", (picture,), "rgb24", "png")  # the number gains a digit at 100
+        write_picture(tmp_path / f"p{i + 97:03d}.png", (picture,), "rgb24", "png")  # numbers gain a digit at 100
     found = read(tmp_path / "p%03d.png", frames_per_second=50)
     np.testing.assert_allclose([t for t, _ in found], np.arange(12) / 50, atol=1e-9, rtol=0)  # float64 sums
     for (_, planes), picture in zip(found, pictures, strict=True):
