@@ -11,7 +11,7 @@ from counterlight.remote.link import Answer, Link
 
 
 class Show:
-    """Answers requests from number `late` on, and ignores the earlier requests."""
+    """Answers requests after the first `late`, and only records these."""
 
     def __init__(self, late: int) -> None:
         self.theirs, self._ours = socket.socketpair()

@@ -213,7 +213,7 @@ def test_an_acquisition_through_it(eye: MachineVisionEye, rng: np.random.Generat
     camera = LiveCamera(screen, eye, Exposures((SHUTTER_S,)))
     found = run(room, MultiplexedScheme(), camera=camera)
     assert found.room.floodlight.shape == (*CAMERA, 3)
-    assert found.check.error < 0.05  # noise is 1 %; the sensor stores 12 bits
+    assert found.check.error < 0.05  # noise is 1 %; rounding to 12 bits adds less
 
 
 def test_the_command_names_what_it_lacks(

@@ -51,7 +51,7 @@ GLASS = "dielectric = { index = 1.5 }"
 
 
 def room(tmp_path: Path, surfaces: str, projector: str, camera: str, size: tuple[int, int] = (24, 18)) -> Scene:
-    """Return surfaces before a projector and a camera, each device given as `position = …`, `look_at = …` and more."""
+    """Return a scene of surfaces before two devices, each device given as `position = …`, `look_at = …` and more."""
     width, height = size
     devices = "".join(
         f"[{name}]\nwidth = {width}\nheight = {height}\nhorizontal_field_of_view_deg = 20\n{keys}\n"

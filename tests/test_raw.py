@@ -62,7 +62,7 @@ def test_no_white_balance_and_no_brightness_of_the_picture_matters(mosaic: np.nd
 def test_dark_margins_are_left_out_and_colours_stay_in_place(
     mosaic: np.ndarray, area: tuple[int, int, int, int]
 ) -> None:
-    """DNG counts the colour filter's pattern from the end of the margins. LibRaw omits another row if a margin is odd."""
+    """DNG counts the colour filter's pattern from the end of the margins. LibRaw omits a further row if it is odd."""
     codes = decode_raw(dng(mosaic, black=(512,), white=WHITE, area=area), "shot.dng")
     top, left = (edge + edge % 2 for edge in area[:2])
     assert codes.shape == ((area[2] - top) // 2, (area[3] - left) // 2, 3)

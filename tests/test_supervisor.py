@@ -116,7 +116,7 @@ class Show:
         wait_until(condition, what, self.process)
 
     def is_black(self) -> bool:
-        """Return whether the window belongs to the program that shows only black."""
+        """Return whether the curtain, the program that shows only black, runs."""
         commands = [Path(f"/proc/{child}/cmdline") for child in descendants(self.process.pid)]
         with contextlib.suppress(OSError):
             return any(b"counterlight.gl.curtain" in command.read_bytes() for command in commands)
@@ -198,7 +198,7 @@ def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_have_nowhe
         pid = show.player()
         sockets = {link.name: os.readlink(link) for link in Path(f"/proc/{show.process.pid}/fd").iterdir()}
         inodes = {name[8:-1] for name in sockets.values() if name.startswith("socket:")}
-        assert len(inodes) == 2  # the player's inbox, and the socket to its own manager
+        assert len(inodes) == 2  # the supervisor's inbox, and its socket to the service manager
         table = [line.split() for line in Path("/proc/net/unix").read_text().splitlines()]
         assert [line[7:] for line in table if line[6] in inodes] == [[], []]
         os.kill(pid, signal.SIGKILL)

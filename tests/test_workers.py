@@ -14,7 +14,7 @@ from tests.programs import descendants, is_running
 
 
 def written(folder: Path, number: int) -> int:
-    """Write the process id of the worker to a file."""
+    """Leave a file named after the worker's process id, and return the square."""
     (folder / str(os.getpid())).touch()
     return number**2
 

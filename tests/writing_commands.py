@@ -91,7 +91,7 @@ def room_for(files: Mapping[str, bytes]) -> int:
 
 
 def is_whole(folder: Path, name: str) -> bool:
-    """Return whether an interrupted acquisition kept its captures, and its room where the report had no space."""
+    """Return whether a file that an interrupted acquisition may leave is complete: a capture, session or room."""
     path = folder / name
     if name.startswith("made.captures/captures/"):
         return read_picture(path).size > 0
