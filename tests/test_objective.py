@@ -92,7 +92,7 @@ def test_what_lies_outside_the_mask_pulls_weakly_and_what_is_dark_not_at_all() -
 def test_how_much_is_seen_does_not_depend_on_paint() -> None:
     T = np.kron(np.eye(8), np.ones((3, 1)))
     T[:3] *= 0.01  # dark ink
-    T[21:] = 0  # the last pixels are unseen
+    T[21:] = 0  # the last projector pixel is unseen
     np.testing.assert_allclose(seen(transport_of(T), np.ones(24, bool)), [1] * 7 + [0])
 
 
