@@ -1,4 +1,4 @@
-"""Light that the camera does not see: no film with carried momentum builds it up, whatever refinement starts from."""
+"""Light outside the camera's view: momentum carried through a film does not build it up, from any start."""
 
 from dataclasses import replace
 from functools import cache
@@ -25,15 +25,16 @@ from counterlight.tools.transport.transport import Transport
 
 CAMERA, PROJECTOR, LINEAR = (16, 26), (11, 20), Response("linear")
 FRAMES = 12
-OVERSHOOT = 1.2  # momentum swings about an optimum that moves, four steps are short of it: 10 % was the most seen
-UNSEEN = 1e-3  # of what most are seen
+# momentum overshoots a moving optimum, and four steps fall short of it; the largest excess seen was 10 %
+OVERSHOOT = 1.2
+UNSEEN = 1e-3  # share of the light that most projector pixels give the camera
 
 
 @cache
 def room(width: float) -> tuple[Room, Objective]:
-    """A wall lit by a raster that ends within the camera's view to the left and below, and goes on beyond it elsewhere.
+    """Return a wall whose raster ends inside the camera's view on the left and below, and outside it elsewhere.
 
-    width : σ of footprints, projector pixels.
+    width : σ of the footprints, projector pixels.
     """
     rng = np.random.default_rng(0)
     y, x = ((np.arange(n) + 0.5) / n for n in CAMERA)
@@ -56,7 +57,7 @@ def _footprints(places: FloatArray, count: int, width: float) -> FloatArray:
 
 
 def film(white: float) -> list[np.ndarray]:
-    """Hard stripes that wander: every frame asks the rim for something else."""
+    """Return hard stripes that move, so that every frame needs other drives at the view's edge."""
     y, x = np.mgrid[: CAMERA[0], : CAMERA[1]]
     stripes = [0.6 + 0.4 * np.sign(np.sin((x + 1.3 * k) / 3 + y / 4)) for k in range(FRAMES)]
     return [np.repeat(white * each[..., None], 3, axis=2).astype(np.float32) for each in stripes]
@@ -73,14 +74,14 @@ def drives(room: Room, frames: list[np.ndarray], steps: int) -> list[FloatArray]
 
 
 def outside(objective: Objective, shown: list[FloatArray]) -> float:
-    """The most of all frames, as a share of full drive there."""
+    """Return the largest light outside over all frames, as a share of full drive."""
     return max(objective.light_outside(drive) or 0.0 for drive in shown)
 
 
 @pytest.mark.parametrize("width", [0.4, 0.8, 1.6])
 @pytest.mark.parametrize("start", STARTS)
 def test_light_outside_is_at_most_what_the_best_pictures_have(start: str, width: float) -> None:
-    """After few steps and many, in a film and in a still of as many frames; what nobody sees at all stays dark."""
+    """Few and many steps stay near the optimum, in a film and a still. Pixels that no camera pixel sees stay dark."""
     edge, objective = room(width)
     ambient, playing = edge.ambient, replace(edge, start=start)
     frames = film(edge.white)
@@ -96,7 +97,7 @@ def test_light_outside_is_at_most_what_the_best_pictures_have(start: str, width:
 
 
 def test_without_the_prior_it_would_be_more() -> None:
-    """What holds it: the same film without what draws unseen pixels to darkness."""
+    """The prior that draws unseen pixels to black limits this light: the same film without the prior shows more."""
     edge, objective = room(0.8)
     further = edge.maps.refinement
     assert further is not None
@@ -109,7 +110,10 @@ def test_without_the_prior_it_would_be_more() -> None:
 @pytest.mark.parametrize("inverse", ["whole", "none"])
 @pytest.mark.parametrize("outside", ["black", "continue"])
 def test_without_a_step_the_map_alone_keeps_it_dark_or_goes_on(outside: str, inverse: str) -> None:
-    """Two projectors in one raster, of which the camera sees all but the inner edge: each goes on by itself."""
+    """The camera sees two projectors in one raster except for their inner edges.
+
+    Each projector continues its own picture.
+    """
     projector, camera, width = (4, 12), (8, 24), 6
     T = np.kron(np.eye(48), np.ones((4, 1)))
     unseen = np.tile((np.arange(12) > 3) & (np.arange(12) < 9), 4)
@@ -129,4 +133,4 @@ def test_without_a_step_the_map_alone_keeps_it_dark_or_goes_on(outside: str, inv
         assert not drive[unseen].any()
     else:
         expected = np.where(left, 0.8, 0.2)[unseen, None] * np.ones(3)
-        np.testing.assert_allclose(drive[unseen], expected, atol=0.02)  # damping and ties
+        np.testing.assert_allclose(drive[unseen], expected, atol=0.02)  # error from damping and ties

@@ -1,4 +1,4 @@
-"""Cameras that are linear go on, and those that are not stop with advice, whatever their files are."""
+"""Linear cameras pass. Other cameras stop with advice, for every file type."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -62,7 +62,7 @@ def test_a_curve_that_is_given_is_none() -> None:
 
 
 def mixing_room(rng: np.random.Generator) -> tuple[Reference, NDArray[np.float64], NDArray[np.float64]]:
-    """A room without noise, and what a linear camera sees of two pictures that each give 0 to 1 of its light."""
+    """Return a room without noise, and a linear camera's captures of a picture and its complement."""
     white, share = rng.uniform(0.3, 0.9, (30, 40, 3)), rng.uniform(0, 1, (30, 40, 1))
     noise = Noise(np.full(3, 1e-4), np.zeros(3))
     room = Reference(np.zeros_like(white), white, noise, np.zeros(white.shape[:2], np.bool_), REPEATS)
@@ -74,10 +74,10 @@ def test_what_else_does_not_add_up_is_not_taken_for_a_curve(rng: np.random.Gener
     elsewhere = picture.reshape(-1, 3)[rng.permutation(picture.size // 3)].reshape(picture.shape)
     for seen in (
         (picture, complement),
-        (1.2 * picture, 1.2 * complement),  # a lamp that is brighter for dark pictures
-        (1.1 * picture, complement),  # or an exposure that changes in between
-        (picture + 0.05, complement + 0.05),  # light in the room
-        (room.floodlight, complement),  # the picture before is seen still
+        (1.2 * picture, 1.2 * complement),  # the lamp is brighter for dark pictures
+        (1.1 * picture, complement),  # the exposure changes between the two
+        (picture + 0.05, complement + 0.05),  # light from elsewhere in the room
+        (room.floodlight, complement),  # the camera still sees the previous picture
         (0 * picture, picture),
         (picture, elsewhere),  # the camera has moved far
     ):
@@ -93,7 +93,7 @@ def test_where_no_camera_pixel_sees_both_pictures_nothing_is_said(rng: np.random
     seen = np.where(lit, room.floodlight, 0), np.where(lit, 0, room.floodlight)
     assert bend_of(room, *seen) is None
     dark = Reference(room.black, room.floodlight, Noise(np.full(3, 0.1), np.zeros(3)), room.saturated, REPEATS)
-    assert bend_of(dark, *seen) is None  # whatever there is, noise is as large
+    assert bend_of(dark, *seen) is None  # noise is as large as any signal
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (21, 30), (72, 96), (216, 384)])
@@ -106,7 +106,7 @@ def test_half_of_the_picture_is_lit_in_cells_of_all_sizes(shape: tuple[int, int]
 
 
 class StoringCamera(RigCamera):
-    """The rig's camera, whose files are like `stored`."""
+    """The rig's camera, which stores its captures as `stored` does."""
 
     def __init__(self, rig: Rig, stored: Stored) -> None:
         super().__init__(rig)
@@ -128,7 +128,7 @@ def test_pictures_first_stop_as_well() -> None:
 
 
 def photographed(exchange: Path, stored: Callable[[NDArray[np.uint8]], bytes], suffix: str) -> None:
-    """What a person with a camera does between two runs of the command."""
+    """Save a capture of every pattern that has none yet, as a person with a camera does between two runs."""
     for path in (exchange / "patterns").glob("*.png"):
         target = exchange / "captures" / f"{path.stem}{suffix}"
         if not target.exists():
@@ -140,7 +140,7 @@ def photographed(exchange: Path, stored: Callable[[NDArray[np.uint8]], bytes], s
 def test_jpegs_of_a_webcam_stop_the_acquisition_until_their_curve_is_given(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The same captures go on with --camera-response."""
+    """With --camera-response, the same captures continue the acquisition."""
     rig = rig_of("wall")
     height, width = rig.raster
     words = ["--camera", f"folder:{tmp_path / 'exchange'}", "--projector", f"{width}x{height}", "-o"]
@@ -155,7 +155,7 @@ def test_jpegs_of_a_webcam_stop_the_acquisition_until_their_curve_is_given(
         return bytes(content)
 
     said = ""
-    for _ in range(2):  # the captures of black, floodlight and halves are asked for, and then judged
+    for _ in range(2):  # first black, floodlight and halves are requested, then they are judged
         assert acquire_transport.main(words) == 2
         said = capsys.readouterr().err
         photographed(tmp_path / "exchange", webcam, ".jpg")

@@ -1,4 +1,4 @@
-"""The remotes' connection to a show that is slow to answer, or gone. The show's end is a bare socket."""
+"""The remotes' connection to a show that answers slowly or has gone. A bare socket plays the show."""
 
 import asyncio
 import json
@@ -11,7 +11,7 @@ from counterlight.remote.link import Answer, Link
 
 
 class Show:
-    """Answers what it is asked from the `late`th request on."""
+    """Answers requests after the first `late`, and only records these."""
 
     def __init__(self, late: int) -> None:
         self.theirs, self._ours = socket.socketpair()

@@ -13,7 +13,7 @@ PYTHON = "\t$(python) "
 
 
 def commands() -> list[str]:
-    """Arguments of Python in the recipe of `make lint`."""
+    """Return the arguments of Python in each line of the recipe of `make lint`."""
     found = RECIPE.search((ROOT / "Makefile").read_text())
     assert found
     lines = found[1].splitlines()

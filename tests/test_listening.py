@@ -1,4 +1,4 @@
-"""Where the control socket listens: ours alone, in place of a dead one, never of a living one."""
+"""The control socket replaces a dead player's socket, never a living player's."""
 
 import errno
 import socket
@@ -44,13 +44,13 @@ def test_a_live_socket_is_refused_and_a_stale_one_replaced(server: ControlServer
     stale.unlink()
     third = ControlServer(stale)
     second.close()
-    assert stale.is_socket()  # the second's path is another's by now
+    assert stale.is_socket()  # the path now belongs to the third server
     third.close()
     assert not stale.exists()
 
 
 def test_a_socket_that_is_there_listens(tmp_path: Path) -> None:
-    """Somebody who connects as soon as he sees it is never refused."""
+    """A client that connects as soon as the socket file exists is never refused."""
     path, stop, refused = tmp_path / "socket", threading.Event(), []
 
     def connect() -> None:
@@ -67,7 +67,7 @@ def test_a_socket_that_is_there_listens(tmp_path: Path) -> None:
     for _ in range(100):
         servers.append(ControlServer(path))
         time.sleep(0.001)
-        path.unlink()  # before it is closed, which is when a socket refuses
+        path.unlink()  # before it is closed, because a closed socket refuses
     stop.set()
     thread.join()
     for server in servers:
@@ -77,7 +77,7 @@ def test_a_socket_that_is_there_listens(tmp_path: Path) -> None:
 
 
 def test_what_a_player_leaves_that_is_killed_before_it_listens_is_removed(tmp_path: Path) -> None:
-    """Of the dead alone: the first process's number is somebody's, and a plain file is no socket."""
+    """Only a dead process's socket is removed. Process 1 lives, and a plain file is no socket."""
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     names = [f".{dead.pid:x}.new", ".1.new"]

@@ -1,4 +1,4 @@
-"""Live sources: FFmpeg's own filters and a stream over UDP stand for the cameras that are not here."""
+"""Live sources: FFmpeg's own filters and a UDP stream replace cameras."""
 
 import contextlib
 import os
@@ -28,7 +28,8 @@ from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Reader, Stage
 
 TIMEOUT_S = 30.0
-COUNTING = "nullsrc=size=64x48:rate=25,format=yuv420p,geq=lum='mod(N,200)':cb=128:cr=128"  # luma says which picture
+# luma is the picture's number
+COUNTING = "nullsrc=size=64x48:rate=25,format=yuv420p,geq=lum='mod(N,200)':cb=128:cr=128"
 
 
 def next_frame(reader: MediaReader) -> Frame:
@@ -71,11 +72,12 @@ def test_pictures_come_without_end_at_the_time_of_their_arrival() -> None:
         assert not reader.ended
     assert times == sorted(set(times))
     assert numbers == sorted(set(numbers))
-    assert time.monotonic() - start >= 17 / 25  # paced: never faster than the source's rate, however busy the machine
+    # paced: never faster than the source's rate, however busy the machine is
+    assert time.monotonic() - start >= 17 / 25
 
 
 def test_the_newest_picture_counts_for_whoever_is_busy() -> None:
-    """While the slots are held the source runs on; what comes after is what it shows then."""
+    """The source runs on while all slots are held. The next frame shown is the newest."""
     with MediaReader.open(f"lavfi:{COUNTING}") as reader:
         held = [next_frame(reader) for _ in range(LIVE_SLOTS)]
         time.sleep(1.0)
@@ -88,7 +90,7 @@ def test_the_newest_picture_counts_for_whoever_is_busy() -> None:
 
 
 def test_an_old_picture_waits_for_the_newest() -> None:
-    """Nobody asks for a second: the slots hold pictures that are over by then, and none of them is shown."""
+    """A reader that nobody polls for a second fills its slots with old pictures. None of them is shown."""
     with MediaReader.open(f"lavfi:{COUNTING}") as reader:
         playback = Playback(reader, time.monotonic)
 
@@ -108,7 +110,7 @@ def test_an_old_picture_waits_for_the_newest() -> None:
         time.sleep(1.0)
         assert due().time_s - last >= 0.9
         assert playback.dropped + 11 >= 25
-        playback.seek(3)  # nothing to go back to
+        playback.seek(3)  # a live source cannot go back
         assert due().time_s > last
 
 
@@ -128,22 +130,23 @@ def test_a_source_that_breaks_off_is_opened_again() -> None:
             numbers.append(int(frame.planes[0][0, 0]))
             reader.release(frame)
         lost, back = reader.notices()[:2]
-    assert numbers == [1, 2, 3, 4] * 3  # `nobuffer`: what FFmpeg read to know the stream is not shown
+    assert numbers == [1, 2, 3, 4] * 3  # `nobuffer`: pictures that FFmpeg read to recognise the stream are not shown
     assert lost.endswith("lost (it ended); reconnecting")
     assert back.endswith("back")
 
 
 def udp_port() -> int:
-    """One that is free at present."""
+    """Return a UDP port that is free now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 class Sender:
-    """Sends grey pictures of a size to a UDP port, 25 a second, until the block ends.
+    """Sends grey pictures of one size to a UDP port, 25 per second, until the block ends.
 
-    loss : share of the packets that are lost on the way, by a relay.  lost : how many were.
+    loss : share of packets that a relay drops.
+    lost : number of dropped packets.
     """
 
     def __init__(self, port: int, size: tuple[int, int] = (64, 48), *, loss: float = 0.0, codec: str = "mpeg2video"):
@@ -200,12 +203,12 @@ def test_a_stream_over_udp() -> None:
         frame = next_frame(reader)
         assert (reader.info.format.width, reader.info.format.height) == (64, 48)
         assert reader.info.live
-        np.testing.assert_allclose(frame.planes[0][:, :64], 120, atol=2)  # MPEG-2 of one flat grey
+        np.testing.assert_allclose(frame.planes[0][:, :64], 120, atol=2)  # MPEG-2 of a flat grey
 
 
 @pytest.mark.parametrize("codec", ["mpeg2video", "libx264"])
 def test_lost_packets_cost_pictures_and_never_the_show(codec: str) -> None:
-    """One packet in thirty is lost, with a picture in two or three: what is whole of the rest is shown."""
+    """One packet in thirty is lost, and two or three pictures share a packet. The complete pictures are shown."""
     port, shown, skipped = udp_port(), 0, 0
     with (
         Sender(port, (320, 240), loss=0.03, codec=codec) as sender,
@@ -220,7 +223,7 @@ def test_lost_packets_cost_pictures_and_never_the_show(codec: str) -> None:
 
 
 def test_a_stream_that_changes_its_size_is_opened_again() -> None:
-    """The sender begins anew with larger pictures: frames of the new format come, with times that go on."""
+    """The sender restarts with larger pictures: frames of the new format arrive, and their times continue."""
     port = udp_port()
     with MediaReader.begin(f"udp://127.0.0.1:{port}") as reader:
         with Sender(port, (64, 48)):
@@ -287,7 +290,7 @@ def test_seeking_and_stepping_back_leave_a_live_source_alone() -> None:
 
 
 def test_a_screen_is_shown_as_it_is(xvfb: str) -> None:
-    """docs/content.md: another program's screen as a medium."""
+    """docs/content.md: a medium can be another program's screen."""
     with MediaReader.open(f"x11grab:{xvfb}") as reader:
         frame = next_frame(reader)
         pixels = frame.format

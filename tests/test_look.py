@@ -1,4 +1,4 @@
-"""The colour table of a show: set, read again, refused; what a remote may name."""
+"""The colour table of a show: set, read again, refused. The border limits the names that a remote may use."""
 
 from pathlib import Path
 

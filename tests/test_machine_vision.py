@@ -1,4 +1,4 @@
-"""Machine-vision cameras, on pylon's own emulation of two: files take the place of light, all else is pylon's."""
+"""Machine-vision cameras, tested with pylon's emulation of two cameras. Files replace the light."""
 
 import subprocess
 import sys
@@ -28,8 +28,8 @@ pytestmark = pytest.mark.skipif(
     subprocess.run([sys.executable, "-c", "import pypylon"], capture_output=True, check=False).returncode != 0,
     reason="pypylon is not installed: pip install 'counterlight[pylon]'",
 )
-HALF = 0.5 + 1 / 128  # of a code: rounding, in float32
-SHUTTER_S = 0.0001  # the emulation waits as long for each frame
+HALF = 0.5 + 1 / 128  # code values: rounding of a float32
+SHUTTER_S = 0.0001  # the emulation takes this long per frame
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +44,7 @@ def eye() -> Iterator[MachineVisionEye]:
 
 
 def set_to(eye: MachineVisionEye, **settings: str) -> None:
-    """Settings of the emulation, which it takes only between frames."""
+    """Change settings of the emulation, which accepts them only between frames."""
     eye._camera.StopGrabbing()
     for name, value in settings.items():
         eye._camera.GetNodeMap().GetNode(name).FromString(value)
@@ -52,7 +52,10 @@ def set_to(eye: MachineVisionEye, **settings: str) -> None:
 
 
 def look_at(eye: MachineVisionEye, path: Path, sites: np.ndarray) -> None:
-    """The emulation's next frames are these sites, (height, width), of 16 bits of which it takes what it has."""
+    """Make the emulation's next frames show `sites`, (height, width), uint16.
+
+    The emulation keeps the bits of its format.
+    """
     assert cv2.imwrite(str(path), sites)
     height, width = sites.shape
     files = {"TestImageSelector": "Off", "ImageFilename": str(path), "ImageFileMode": "On"}
@@ -158,13 +161,13 @@ def test_a_frame_that_is_lost_on_its_way_is_taken_again(eye: MachineVisionEye, t
 
 def test_a_camera_that_gives_nothing_is_one_line(eye: MachineVisionEye, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine_vision, "ANSWER_S", 0.2)
-    set_to(eye, ExposureTimeAbs="3000000")  # it answers after so many microseconds
+    set_to(eye, ExposureTimeAbs="3000000")  # microseconds until the emulation answers
     with pytest.raises(InputError, match=r"0815-0001: gives no more frames; plug it in again and run the same"):
         eye.frame()
 
 
 def test_an_unplugged_camera_is_one_line(eye: MachineVisionEye) -> None:
-    eye._camera.Close()  # the emulation has no plug
+    eye._camera.Close()  # an emulated camera cannot be unplugged
     for act in (eye.frame, eye.skip, lambda: eye.expose(0.01)):
         with pytest.raises(InputError, match=r"0815-0001: is unplugged; plug it in again and run the same command"):
             act()
@@ -174,7 +177,7 @@ def test_another_programs_camera_is_one_line(eye: MachineVisionEye, monkeypatch:
     def refuse(camera: object) -> None:
         raise eye._genicam.AccessException("The device is controlled by another application. : thrown (file 'x')")
 
-    monkeypatch.setattr(eye._pylon.InstantCamera, "Open", refuse)  # the emulation lets itself be opened twice
+    monkeypatch.setattr(eye._pylon.InstantCamera, "Open", refuse)  # the emulation can be opened twice
     with (
         pytest.raises(
             InputError, match=r"0000: cannot be opened \(.*controlled by another application\); close the pro"
@@ -185,7 +188,7 @@ def test_another_programs_camera_is_one_line(eye: MachineVisionEye, monkeypatch:
 
 
 class PaintedScreen:
-    """A screen whose picture, as a simulated sensor sees it, is what the emulated camera is given as its light."""
+    """A screen that passes its picture, as a simulated sensor sees it, to the emulated camera."""
 
     refresh_hz: float | None = None
 
@@ -210,7 +213,7 @@ def test_an_acquisition_through_it(eye: MachineVisionEye, rng: np.random.Generat
     camera = LiveCamera(screen, eye, Exposures((SHUTTER_S,)))
     found = run(room, MultiplexedScheme(), camera=camera)
     assert found.room.floodlight.shape == (*CAMERA, 3)
-    assert found.check.error < 0.05  # noise is 1 %, 12 bits less
+    assert found.check.error < 0.05  # noise is 1 %; rounding to 12 bits adds less
 
 
 def test_the_command_names_what_it_lacks(

@@ -1,4 +1,4 @@
-"""counterlight merge-exposures as a user runs it: the picture, the response file, EXIF, refusals in one line."""
+"""counterlight merge-exposures as a user runs it: the picture, the response file, EXIF, one-line refusals."""
 
 import re
 import subprocess
@@ -31,7 +31,7 @@ def bracket(scene: np.ndarray, tmp_path: Path) -> list[str]:
 
 
 def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
-    """The one line that a refused merge prints; nothing may be left behind."""
+    """Return the one-line error of a refused merge, and check that no file is left behind."""
     before = sorted(folder.rglob("*"))
     output = () if "-o" in arguments else ("-o", str(folder / "out.exr"))
     assert main([*arguments, *output]) == 2
@@ -58,9 +58,11 @@ def test_the_command_recovers_the_response_and_the_light(
     assert (ended.returncode, ended.stderr) == (0, "")
     assert re.search(r"176x120, 5 pictures of 0\.25 to 64 s, .* response recovered \(debevec\), CPU: ", ended.stdout)
     found = exposure_table(named_response(str(curve)), 256, 3)
-    np.testing.assert_allclose(found[16:250], exposure_table(CURVES["srgb"], 256, 3)[16:250], rtol=0.05)  # test_hdr.py
+    # as in test_hdr.py
+    np.testing.assert_allclose(found[16:250], exposure_table(CURVES["srgb"], 256, 3)[16:250], rtol=0.05)
     ratio = read_rgb(output) / scene
-    # The scale of each channel is that of its curve, 5 %; the rest is quantisation: ten codes in the darkest pixels.
+    # A channel's scale is known only up to its curve, 5 %. Quantisation adds the rest: the darkest pixels have ten
+    # codes.
     assert np.abs(ratio / np.median(ratio, axis=(0, 1)) - 1).max() < 0.08
     np.testing.assert_allclose(np.median(ratio, axis=(0, 1)), 1, atol=0.05)
 
@@ -78,7 +80,7 @@ def test_grey_sixteen_bit_pictures_of_a_linear_camera(rng: np.random.Generator, 
     times = ["1/2", "4"]
     assert main([*names, "--times", *times, "--response", "linear", "-o", str(tmp_path / "out.exr")]) == 0
     merged = read_rgb(tmp_path / "out.exr")
-    np.testing.assert_allclose(merged, light.repeat(3, axis=2), rtol=2e-3)  # half a code of 327, the least
+    np.testing.assert_allclose(merged, light.repeat(3, axis=2), rtol=2e-3)  # half a code of at least 327
 
 
 def test_the_gpu_gives_the_same_picture(bracket: list[str], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Mirrors: what is seen and lit by way of one, against the device moved to its mirror image."""
+"""Mirrors: what a camera sees or a projector lights by a mirror equals the result of the mirrored device."""
 
 from pathlib import Path
 
@@ -29,15 +29,16 @@ pattern = { kind = "checker", colours = [[0.8, 0.7, 0.6], [0.2, 0.3, 0.4]], repe
 
 
 def test_a_mirror_shows_what_a_mirrored_camera_sees(tmp_path: Path) -> None:
-    """The mirror is the plane x = −1; the camera looks into it and sees the card behind it."""
+    """The mirror is the plane x = −1. The camera looks into the mirror and sees the card behind itself."""
     lamp = at([1.5, 0.2, 3], [0.6, 0, 0])
     real = room(tmp_path, MIRROR + CARD, lamp, at([0.8, 0.1, 2.5], [-2.6, 0, -0.1]))
     virtual = room(tmp_path, CARD, lamp, at([-2.8, 0.1, 2.5], [0.6, 0, -0.1]))
-    only = ["direct", "shadows", "gloss"]  # the projector's light straight onto the card
+    only = ["direct", "shadows", "gloss"]  # only the projector's light that falls straight onto the card
     seen, expected = (simulate(s, only=only).transport.composition().reshape(18, 24, 3) for s in (real, virtual))
     lit = expected.max(axis=2) > 0
     assert lit.mean() > 0.3
-    np.testing.assert_allclose(seen, expected[:, ::-1], rtol=1e-4, atol=1e-6)  # float32; rays run the same way
+    # float32; rays are the same in both scenes
+    np.testing.assert_allclose(seen, expected[:, ::-1], rtol=1e-4, atol=1e-6)
 
 
 def test_a_mirror_lights_as_a_mirrored_projector_would(tmp_path: Path) -> None:
@@ -52,5 +53,5 @@ def test_a_mirror_lights_as_a_mirrored_projector_would(tmp_path: Path) -> None:
         pictures.append(np.stack([T[i] @ picture[..., i].ravel() for i in range(3)], axis=1))
     seen, expected = (picture.reshape(9, 4, 12, 4, 3).mean(axis=(1, 3)) for picture in pictures)
     assert expected.max() > 0.3
-    np.testing.assert_allclose(seen, expected, atol=0.08 * expected.max())  # the map blurs edges by half a pixel
+    np.testing.assert_allclose(seen, expected, atol=0.08 * expected.max())  # the light map blurs edges by half a pixel
     assert seen.sum() == pytest.approx(expected.sum(), rel=0.01)

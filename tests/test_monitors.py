@@ -1,4 +1,4 @@
-"""Monitors: names are unique, the one that the user means is found, a missing screen is one line."""
+"""Monitors have unique names, a named monitor is found, and a missing screen is an error in one line."""
 
 import json
 import sys
@@ -18,7 +18,7 @@ MONITORS = [
 
 
 def seen_on(display: str) -> dict[str, Any]:
-    """What GLFW sees, in a child: this process would keep the first screen that it was given."""
+    """Return what GLFW sees, from a child process, because GLFW keeps the first screen of its process."""
     with running(
         sys.executable, "-W", "error", "-m", "counterlight.gl.probe", "screen", folder=ROOT, **on(display)
     ) as child:
@@ -68,9 +68,9 @@ def test_monitors_of_one_make_get_different_names() -> None:
     [
         ("HDMI-1", True, MONITORS, "stay"),
         ("HDMI-1", True, MONITORS[:1], "left"),
-        ("HDMI-1", False, MONITORS[:1], "stay"),  # still waiting
+        ("HDMI-1", False, MONITORS[:1], "stay"),  # still waiting for its monitor
         ("HDMI-1", False, MONITORS, "return"),
-        ("HDMI-1", True, MONITORS[1:], "stay"),  # another one has gone, and the numbers with it
+        ("HDMI-1", True, MONITORS[1:], "stay"),  # another monitor has gone, so the numbers have changed
         ("HDMI-1", True, [], "left"),
         (None, False, MONITORS, "stay"),
     ],

@@ -1,4 +1,4 @@
-"""Numbered names: what is written under a pattern is what FFmpeg and we read under it."""
+"""Numbered names: FFmpeg and Counterlight read the files that are written under a pattern."""
 
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def test_names_without_a_number(name: str) -> None:
 
 @pytest.mark.parametrize("pattern", NAMES)
 def test_ffmpeg_opens_the_same_files(pattern: str, tmp_path: Path) -> None:
-    folder = tmp_path / "at 50% of %d"  # no number but the name's counts
+    folder = tmp_path / "at 50% of %d"  # only the number in the file's name counts
     folder.mkdir()
     for number in range(3):
         (folder / name_of(pattern, 9 + number)).write_bytes(

@@ -1,4 +1,4 @@
-"""What is minimised: footprints that the raster cuts, what nobody sees, neighbours that are tied, one bound for all."""
+"""The objective: footprints cut by the raster's edge, unseen pixels, ties between neighbours, one bound for all."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ LINEAR = Response("linear")
 
 
 def row_of_footprints(width: float, *, pixels: int = 60, raster: int = 20, step: float = 0.5) -> np.ndarray:
-    """T of a line of camera pixels that see `width` projector pixels each, from beyond the raster's left end on."""
+    """Return T of a line of camera pixels that see `width` projector pixels each, starting left of the raster."""
     edges = np.arange(raster + 1)
     starts = step * np.arange(pixels) - 5.0
     share = np.clip(np.minimum(edges[1:], starts[:, None] + width) - np.maximum(edges[:-1], starts[:, None]), 0, None)
@@ -56,7 +56,7 @@ def test_a_footprint_that_the_edge_cuts_does_not_count(width: float) -> None:
     lit = coverage > 0
     camera, projector = (1, len(T)), (1, T.shape[1])
     transport = transport_of(np.where(lit[:, None], T, 0))
-    # The raster is one line high: of its rows nothing can be told, of its columns everything.
+    # The raster is one line high: columns can be judged, rows cannot.
     cut = cut_by_edges(transport, camera, projector)
     assert np.all(cut[(coverage > 0.01) & (coverage < 0.6)] > 1.1)
     assert np.all(cut[:, None][coverage > 0.999] <= 1.1)
@@ -92,12 +92,12 @@ def test_what_lies_outside_the_mask_pulls_weakly_and_what_is_dark_not_at_all() -
 def test_how_much_is_seen_does_not_depend_on_paint() -> None:
     T = np.kron(np.eye(8), np.ones((3, 1)))
     T[:3] *= 0.01  # dark ink
-    T[21:] = 0  # nobody sees the last
+    T[21:] = 0  # the last projector pixel is unseen
     np.testing.assert_allclose(seen(transport_of(T), np.ones(24, bool)), [1] * 7 + [0])
 
 
 def test_a_pixel_of_less_than_no_light_is_held_like_one_that_nobody_sees() -> None:
-    """Factors of a dense T may leave it so; N of T⁺ was not positive definite then."""
+    """The factors of a dense T may give such a pixel, which once made N of T⁺ not positive definite."""
     T = np.kron(np.eye(12), np.ones((2, 1)))
     T[22:] = 0
     gather = np.tile(np.append(np.zeros(11), -1e-9), (3, 1, 1))
@@ -114,17 +114,17 @@ def test_a_pixel_of_less_than_no_light_is_held_like_one_that_nobody_sees() -> No
 @pytest.mark.parametrize("outside", ["black", "continue"])
 def test_a_pixel_that_nobody_sees_is_dark_or_like_its_neighbours(outside: str) -> None:
     T = np.kron(np.eye(12), np.ones((2, 1)))
-    T[20:] *= 0  # two projector pixels beyond the view's edge
-    T[19, 10] = 1e-3  # of which the last camera pixel sees a trace
+    T[20:] *= 0  # two projector pixels outside the view
+    T[19, 10] = 1e-3  # the last camera pixel sees a trace of one of them
     transport = transport_of(T)
     room = calibration_of(transport, (1, 24), [(1, 12)], (T.sum(axis=1) > 0).reshape(1, 24))
     objective = objective_of(transport, room, ObjectiveOptions(outside=outside))
     b = np.where(T.sum(axis=1) > 0, 0.6, 0.0)[:, None] * np.ones(3)
-    b[19] = 0.9  # the trace is asked for much
+    b[19] = 0.9  # the target of this trace is high
     drive = Box(objective).solve(b).drive
     if outside == "black":
         assert drive[10:].max() < 0.05
-        np.testing.assert_allclose(drive[:9], 0.6, atol=0.02)  # the prior of what is seen is below 1e-3
+        np.testing.assert_allclose(drive[:9], 0.6, atol=0.02)  # the prior of seen pixels is below 1e-3
     else:
         np.testing.assert_allclose(drive[10:], drive[[9, 9]], atol=0.1)
 
@@ -136,7 +136,7 @@ def test_ties_stay_within_a_projector() -> None:
     assert prior is not None
     assert np.all(prior.right[:, 5] == 0)
     assert np.all(prior.right[:, :5] > 0)
-    assert np.all(prior.right[3, 6:] == 0)  # below the lower projector is nobody's
+    assert np.all(prior.right[3, 6:] == 0)  # nothing lies below the lower projector
     assert np.all(prior.down[2, 6:] == 0)
     assert np.all(prior.down[:3, :6] > 0)
 
@@ -147,7 +147,7 @@ def test_what_a_pixel_cannot_have_spoils_no_neighbour(unreachable: float) -> Non
     transport = transport_of(T)
     objective = objective_of(transport, calibration_of(transport, (1, 60), [(1, 20)]), ObjectiveOptions())
     b, dark = np.full((60, 3), 0.3), slice(25, 31)
-    b[dark] = unreachable  # the room's light alone is that much above black; or it is dark paint
+    b[dark] = unreachable  # below black by more than the ambient light, or above what dark paint can show
     around = np.r_[20:25, 31:36]
     asked, left = (
         np.abs(T @ Box(each).run(b)[0] - b)[around].sum() for each in (replace(objective, bounds=False), objective)
@@ -169,7 +169,7 @@ def test_what_is_seen_is_not_held() -> None:
 
 def blurred(rng: np.random.Generator, options: ObjectiveOptions) -> Objective:
     T = blurred_transport(rng, CAMERA, PROJECTOR, 0.6).tolil()
-    T[:, :3] *= 0.0  # nobody sees these
+    T[:, :3] *= 0.0  # unseen
     T = Transport(stacked([sparse.csr_array(T, dtype=np.float32)] * 3))
     mask = rng.uniform(size=CAMERA) < 0.8
     return objective_of(T, calibration_of(T, CAMERA, [PROJECTOR], mask), options)

@@ -51,7 +51,7 @@ GLASS = "dielectric = { index = 1.5 }"
 
 
 def room(tmp_path: Path, surfaces: str, projector: str, camera: str, size: tuple[int, int] = (24, 18)) -> Scene:
-    """Surfaces before a projector and a camera, each given as `position = …`, `look_at = …` and more."""
+    """Return a scene of surfaces before two devices, each device given as `position = …`, `look_at = …` and more."""
     width, height = size
     devices = "".join(
         f"[{name}]\nwidth = {width}\nheight = {height}\nhorizontal_field_of_view_deg = 20\n{keys}\n"
@@ -67,7 +67,7 @@ def at(position: list[float], look_at: list[float]) -> str:
 
 
 def pane(z: float, thickness: float, x: float = 0.0, radius: float = 0.4, material: str = GLASS) -> str:
-    """A round pane across the z axis."""
+    """Return a round pane across the z axis."""
     return f"""
 [[surfaces]]
 name = "pane"
@@ -109,9 +109,10 @@ def test_fresnel_at_normal_incidence_brewster_and_the_critical_angle() -> None:
     assert share[0] == pytest.approx(((n - 1) / (n + 1)) ** 2, rel=1e-12)
     i = np.radians(30)
     t = np.arcsin(np.sin(i) / n)
-    senkrecht, parallel = np.sin(i - t) / np.sin(i + t), np.tan(i - t) / np.tan(i + t)  # Fresnel's own form
+    senkrecht, parallel = np.sin(i - t) / np.sin(i + t), np.tan(i - t) / np.tan(i + t)  # Fresnel's original form
     assert share[1] == pytest.approx((senkrecht**2 + parallel**2) / 2, rel=1e-12)
-    assert share[2] == pytest.approx(((n**2 - 1) / (n**2 + 1)) ** 2 / 2, rel=1e-12)  # no parallel part is reflected
+    # the parallel part is not reflected
+    assert share[2] == pytest.approx(((n**2 - 1) / (n**2 + 1)) ** 2 / 2, rel=1e-12)
     assert share[3] == pytest.approx(1, abs=2e-4)
     critical = np.arcsin(1 / n)
     _, inside = refracted(*at_angles(np.array([critical - 1e-4, critical + 1e-4, 1.2])), np.full(3, n))
@@ -138,7 +139,7 @@ def test_mirrored_directions_keep_their_angle(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("abbe", [np.inf, 20.0])
 def test_a_slab_shifts_what_is_seen_through_it_as_snell_says(tmp_path: Path, abbe: float) -> None:
-    """By t (tan i − tan r) towards the camera, in each channel by its own index."""
+    """The shift is t (tan i − tan r) towards the camera, with each channel's own index."""
     glass = GLASS if np.isinf(abbe) else f"dielectric = {{ index = 1.5, abbe = {abbe} }}"
     thickness, eye = 0.3, np.array([0.9, 0.2, 2.0])
     surfaces = WALL + pane(0.5, thickness, 0.25, 1.5, glass)
@@ -153,7 +154,7 @@ def test_a_slab_shifts_what_is_seen_through_it_as_snell_says(tmp_path: Path, abb
     for colour, n in enumerate(indices):
         strongest, found = np.zeros(len(directions)), np.zeros((len(directions), 3))
         for batch in batches:
-            order = np.argsort(batch.throughput[:, colour])  # the brightest last
+            order = np.argsort(batch.throughput[:, colour])  # brightest last
             brighter = batch.throughput[order, colour] > strongest[batch.pixel[order]]
             rows = order[brighter]
             found[batch.pixel[rows]], strongest[batch.pixel[rows]] = batch.point[rows], batch.throughput[rows, colour]
@@ -168,7 +169,7 @@ def test_a_slab_shifts_what_is_seen_through_it_as_snell_says(tmp_path: Path, abb
 
 
 def through(scene: Scene, origins: FloatArray, directions: FloatArray) -> Rays:
-    """The rays that enter the one solid of a scene and leave it, refracted both times."""
+    """Return the rays that enter and leave the only solid of a scene, refracted both times."""
     count = len(origins)
     rays = Rays(np.arange(count), origins, directions, np.ones((count, 3)), np.full(count, -1), "direct")
     for _ in range(2):
@@ -179,7 +180,7 @@ def through(scene: Scene, origins: FloatArray, directions: FloatArray) -> Rays:
 
 @pytest.mark.parametrize("shape", ["sphere", "lathe"])
 def test_a_ball_lens_has_its_paraxial_focal_length(tmp_path: Path, shape: str) -> None:
-    """n D / (4 (n − 1)) from the centre; a ball turned on the lathe is the same within its facets."""
+    """The focus is n D / (4 (n − 1)) from the centre. A ball made by a lathe agrees within its facets."""
     radius, n = 0.2, 1.5
     turns = np.linspace(0, np.pi, 181)
     profile = np.round(np.stack([radius * np.sin(turns), 1 - radius * np.cos(turns)], axis=1), 12).tolist()
@@ -198,13 +199,14 @@ def test_a_ball_lens_has_its_paraxial_focal_length(tmp_path: Path, shape: str) -
 @pytest.mark.parametrize("absorption", [0.0, 2.0])
 @pytest.mark.parametrize("side", ["camera", "projector"])
 def test_a_pane_passes_what_its_two_faces_let_through(tmp_path: Path, side: str, absorption: float) -> None:
-    """(1 − R)² a / (1 − R² a²) at normal incidence, reflections between the faces included; a what the glass leaves.
+    """A pane passes (1 − R)² a / (1 − R² a²) at normal incidence, a the share that the glass transmits.
 
-    On the projector's side the light comes as if from t (1 − 1/n) nearer, and is that much denser.
+    The formula includes reflections between the faces. On the projector's side the light seems to come from
+    t (1 − 1/n) nearer, so it is denser by that ratio.
     """
     glass = f"dielectric = {{ index = 1.5, absorption = [0, {absorption}, 0] }}"
     places = at([1.0, 0, 4], [0, 0, 0]), at([-1.0, 0, 4], [0, 0, 0])
-    x = {"camera": -0.5, "projector": 0.5}[side]  # half way to the wall, before one device only
+    x = {"camera": -0.5, "projector": 0.5}[side]  # half way to the wall, in front of one device only
     covered = room(tmp_path, WALL + pane(1.9, 0.1, x, 0.49, glass), *places)
     bare = replace(covered, surfaces=covered.surfaces[:1])
     seen = [simulate(scene).transport.composition().reshape(18, 24, 3)[5:13, 7:17] for scene in (covered, bare)]
@@ -214,12 +216,12 @@ def test_a_pane_passes_what_its_two_faces_let_through(tmp_path: Path, side: str,
         expected = (1 - face) ** 2 * path / (1 - face**2 * path**2)
         if side == "projector":
             expected *= (4 / (4 - 0.1 * (1 - 1 / 1.5))) ** 2
-        # The cut-off leaves out the second round trip; at 14° R differs from 0.04 by 1e-4; the map's texels average.
+        # The cut-off omits the second round trip. At 14° R differs from 0.04 by 1e-4. The map averages over texels.
         assert ratio[colour] == pytest.approx(expected, rel=5e-3)
 
 
 def test_a_caustic_is_where_light_goes_that_is_traced_ray_by_ray(tmp_path: Path) -> None:
-    """A ball before a wall, against an independent tracer of the two refractions in closed form."""
+    """A ball in front of a wall agrees with an independent closed-form tracer of the two refractions."""
     scene = room(tmp_path, WALL + ball(0.25), at([0.0, 0, 4], [0, 0, 0]), at([1.5, 0, 4], [0, 0, 0]), (60, 60))
     found = np.zeros((8, 8))
     edges = np.linspace(-0.4, 0.4, 9)
@@ -232,7 +234,7 @@ def test_a_caustic_is_where_light_goes_that_is_traced_ray_by_ray(tmp_path: Path)
     place, share = two_refractions(np.stack([x, y, -np.ones_like(x)], axis=1), np.array([0, 0, 4.0]), 0.25, 1.5)
     flux = np.pi * 4.0**2 * (2 * np.tan(np.radians(10)) / side) ** 2 * share
     expected = np.histogram2d(place[:, 0], place[:, 1], (edges, edges), weights=flux)[0]
-    # Light that is reflected inside first is found, too, about 1 %; the beams are 1/14 of the ball wide.
+    # Light that is first reflected inside the ball adds about 1 %. Each beam is 1/14 of the ball's width.
     np.testing.assert_allclose(found, expected, atol=0.03 * expected.max())
     assert found.sum() == pytest.approx(expected.sum(), rel=0.02)
     assert expected[3:5, 3:5].sum() > 3 * expected[:2, :2].sum()
@@ -240,7 +242,7 @@ def test_a_caustic_is_where_light_goes_that_is_traced_ray_by_ray(tmp_path: Path)
 
 @pytest.mark.parametrize("kind", ["glass", "coat"])
 def test_the_light_map_keeps_the_flux_of_its_beams(tmp_path: Path, kind: str) -> None:
-    """Laid down on texels of every level and taken off again, behind a ball of glass and on a ball before a coat."""
+    """Flux is stored in texels of every level and read back, behind a ball of glass and for a ball before a coat."""
     surfaces = {"glass": WALL + ball(0.25), "coat": ball(0.2, "albedo = [0.5, 0.5, 0.5]") + COATED}[kind]
     scene = room(tmp_path, surfaces, at([0.4, 0, 4], [0, 0, 0.8]), at([-0.4, 0, 4], [0, 0, 0.8]))
     effects = effects_of(scene)
@@ -256,7 +258,7 @@ def test_the_light_map_keeps_the_flux_of_its_beams(tmp_path: Path, kind: str) ->
 def two_refractions(
     directions: FloatArray, origin: FloatArray, radius: float, n: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Where rays through a ball at (0, 0, 1) meet the plane z = 0, and the share that both faces pass."""
+    """Return where rays through a ball at (0, 0, 1) meet the plane z = 0, and the share that both faces pass."""
     d = unit(directions)
     centre = np.array([0, 0, 1.0])
     along = (centre - origin) @ d.T
@@ -278,7 +280,7 @@ def two_refractions(
 
 
 def test_projector_and_camera_can_change_places(tmp_path: Path) -> None:
-    """Helmholtz: with equal pixels, T of the devices exchanged is Tᵀ, through the ball on either side."""
+    """Helmholtz: with equal pixels, exchanging the devices transposes T, also through a ball on either side."""
     places = at([0.35, 0, 4], [0, 0, 0.5]), at([-0.35, 0.1, 4], [0, 0, 0.5])
     there = room(tmp_path, WALL + ball(0.3), *places)
     back = room(tmp_path, WALL + ball(0.3), *places[::-1])
@@ -291,11 +293,11 @@ def test_projector_and_camera_can_change_places(tmp_path: Path) -> None:
     assert np.abs(blocks[0] - blocks[1]).max() < 0.1 * scale  # the caustic is sharper than the map's texels
     assert np.abs(blocks[0] - blocks[1]).sum() < 0.05 * blocks[0].sum()
     glass = channel(simulate(there, only=["direct", "shadows"]).transport.near, 0).sum() / T.sum()
-    assert glass < 0.9  # enough of it goes through the ball
+    assert glass < 0.9  # enough light passes the ball
 
 
 def coarse(T: FloatArray) -> FloatArray:
-    """Sums over 6 × 6 pixels of each picture."""
+    """Return sums over 6 × 6 pixels of each picture."""
     blocks = T.reshape(3, 6, 4, 6, 3, 6, 4, 6).sum(axis=(1, 3, 5, 7))
     return np.asarray(blocks.reshape(12, 12))
 
@@ -351,7 +353,7 @@ def test_the_index_meets_the_abbe_number_and_the_makers_formula() -> None:
     assert (index_d - 1) / (index_f - index_c) == pytest.approx(64.17, rel=1e-12)
     crown = sellmeier([1.03961212, 0.231792344, 1.01046945], [0.00600069867, 0.0200179144, 103.560653])  # Schott N-BK7
     flint = sellmeier([1.62153902, 0.256287842, 1.64447552], [0.0122241457, 0.0595736775, 147.468793])  # Schott N-SF10
-    np.testing.assert_allclose(channel_indices(1.5168, 64.17), crown, atol=3e-4)  # Cauchy's two terms
+    np.testing.assert_allclose(channel_indices(1.5168, 64.17), crown, atol=3e-4)  # Cauchy's formula with two terms
     np.testing.assert_allclose(channel_indices(1.72828, 28.53), flint, atol=1e-3)
 
 
@@ -366,7 +368,7 @@ def unit(vectors: FloatArray) -> FloatArray:
 
 
 def at_angles(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rays down onto a level face at angles from its normal, and the normals."""
+    """Return rays onto a level face at angles from its normal, and the normals."""
     zero = np.zeros_like(angles)
     normals = np.stack([zero, zero, zero + 1], axis=1)
     return np.stack([np.sin(angles), zero, -np.cos(angles)], axis=1), normals

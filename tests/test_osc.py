@@ -1,4 +1,4 @@
-"""OSC: what a fader's number sets, how answers are written, and that no packet harms anybody."""
+"""OSC: a fader's number sets a property, answers are encoded, and no packet does harm."""
 
 import numpy as np
 import pytest
@@ -15,16 +15,16 @@ INFO = {name: Stage().commands.info(name) for name in Stage().commands.propertie
     ("name", "argument", "value"),
     [
         ("brightness", 12, 12),
-        ("brightness", 12.4, 12),  # a fader's number, for a whole one
-        ("black-level", float(np.float32(0.1)), 0.1),  # 32 bits of it
+        ("brightness", 12.4, 12),  # a fader's number for an integer property
+        ("black-level", float(np.float32(0.1)), 0.1),  # OSC sends 32-bit floats
         ("pause", 1.0, True),
         ("pause", 0, False),
-        ("pause", 127, True),  # a button of MIDI
+        ("pause", 127, True),  # a MIDI button
         ("pause", True, True),
         ("pause", "no", "no"),
         ("view", "camera", "camera"),
         ("refine", "auto", "auto"),
-        ("brightness", float("nan"), float("nan")),  # the show says what is wrong with it
+        ("brightness", float("nan"), float("nan")),  # the show reports the error
     ],
 )
 def test_numbers_are_taken_as_a_property_wants_them(name: str, argument: object, value: object) -> None:
@@ -81,7 +81,7 @@ def test_what_is_no_share(name: str, share: object, complaint: str) -> None:
 )
 def test_an_answer_is_one_value_of_a_packet(value: object, read: list[object]) -> None:
     packet = reply("/counterlight/gap", value)
-    assert len(packet) < 1400  # of any network
+    assert len(packet) < 1400  # below the datagram limit of any network
     message = OscMessage(packet)
     assert (message.address, message.params) == ("/counterlight/gap", read)
 
@@ -92,7 +92,7 @@ def test_random_and_damaged_packets_are_no_messages_or_some(rng: np.random.Gener
     good = bytes(builder.build().dgram)
     assert [message.params for message in messages_of(good)] == [[0.5]]
     nested = good
-    for _ in range(400):  # bundles in bundles
+    for _ in range(400):  # bundles inside bundles
         nested = b"#bundle\0" + bytes(7) + b"\1" + len(nested).to_bytes(4, "big") + nested
     assert messages_of(nested) in ([], messages_of(good)) or len(messages_of(nested)) == 1
     for index in range(5000):

@@ -1,4 +1,4 @@
-"""What is written over the picture: where ink may be, how bars grow, how a message fades."""
+"""The on-screen display: ink stays inside the page, bars grow, messages fade."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ WINDOW = (720, 1280)
 
 
 def inked(pixels: np.ndarray) -> tuple[int, int]:
-    """(bottom, right) of what is written."""
+    """Return the (bottom, right) pixel of the text."""
     rows, columns = np.nonzero(pixels[..., 0] > 128)
     return int(rows.max()), int(columns.max())
 
@@ -23,7 +23,7 @@ def test_a_page_is_as_large_as_its_text_and_never_larger_than_the_window() -> No
     assert short.shape[0] < long.shape[0]
     assert short.shape[1] < long.shape[1]
     for page in (short, long):
-        assert np.all(np.array(inked(page)) < page.shape[:2])  # nothing is cut off
+        assert np.all(np.array(inked(page)) < page.shape[:2])  # no text is cut off
         assert page.dtype == np.uint8
     tall = Page(tuple(f"line {index}\twith a second column" for index in range(30)))
     assert draw(tall, WINDOW).shape[0] <= 720
@@ -58,10 +58,10 @@ def test_opacity_scales_alpha_alone() -> None:
 def test_bars_are_as_high_as_their_counts() -> None:
     counts = (10, 5, 0, 20)
     pixels = draw(Page(("title",), Histogram(counts, ("a", "b", "c", "d"))), WINDOW)
-    bars = pixels[..., 0] == 200  # the bars' own grey
+    bars = pixels[..., 0] == 200  # the grey of the bars
     heights = [int(bars[:, left : left + 52].sum(axis=0).max()) for left in range(12, 12 + 4 * 52, 52)]
     assert heights[3] == pytest.approx(72, abs=1)
-    np.testing.assert_allclose(heights, np.array(counts) / 20 * 72, atol=2)  # an empty bar is a line
+    np.testing.assert_allclose(heights, np.array(counts) / 20 * 72, atol=2)  # an empty bar is one line high
 
 
 def test_letters_of_many_scripts_are_drawn_and_none_stands_for_another() -> None:
@@ -96,7 +96,7 @@ def test_every_key_is_read_on_some_page_of_any_window(window: tuple[int, int]) -
     assert " ".join(" ".join(said).split()).count("what the key") == len(cells)
     for page in found:
         pixels = draw(page, window)
-        assert np.all(np.array(inked(pixels)) < np.array(pixels.shape[:2]) - 2)  # nothing is cut off
+        assert np.all(np.array(inked(pixels)) < np.array(pixels.shape[:2]) - 2)  # no text is cut off
 
 
 def test_a_legend_shows_its_colours_beside_their_meaning() -> None:

@@ -1,4 +1,4 @@
-"""The outline of a picture that is being placed: its points, where they are lit from, its dots, when it shows."""
+"""The outline while a picture is placed: its points, where the projector lights them, its dots, when it appears."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_points_run_round_the_corners_a_camera_pixel_apart() -> None:
 
 @pytest.mark.parametrize("wide", [False, True])
 def test_a_point_stands_where_the_projector_lights_it_most(wide: bool) -> None:
-    """Camera pixel (x 2, y 1) is lit by projector pixels (1, 0) and, more, (4, 2), the last one by (0, 1)."""
+    """Projector pixels (1, 0) and, stronger, (4, 2) light camera pixel (x 2, y 1). (0, 1) lights the last pixel."""
     lengths = np.zeros(24, np.int64)
     lengths[1 * 6 + 2], lengths[-1] = 2, 1
     rows = SparseRows(
@@ -51,7 +51,7 @@ def test_dots_are_edged_handles_lie_over_them_and_nothing_is_drawn_outside() -> 
     draw_outline(canvas, outline, lambda points: points, 1.0)
     colours, counts = np.unique(canvas.reshape(-1, 4), axis=0, return_counts=True)
     found = {tuple(int(c) for c in colour): int(n) for colour, n in zip(colours, counts, strict=True)}
-    corner = 1  # the edge of (-3, -3) ends at pixel 0
+    corner = 1  # the edge from (-3, -3) ends at pixel 0
     assert found[INK] == 3 * 3
     assert found[SELECTED] == 13 * 13
     assert found[GROUND] == 7 * 7 - 3 * 3 + 17 * 17 - 13 * 13 + corner
@@ -60,13 +60,13 @@ def test_dots_are_edged_handles_lie_over_them_and_nothing_is_drawn_outside() -> 
 
 
 def test_in_a_window_the_outline_follows_the_part_that_is_shown() -> None:
-    """A point at (12, 3) of a raster of 20x10; its right half, from x 10, is shown twice as large at (4, 2)."""
+    """A point is at (12, 3) of a raster of 20x10. The right half, from x 10, appears at twice its size at (4, 2)."""
     page = Page((), outline=Outline(np.array([(12.5 / 20, 3.5 / 10)]), np.empty((0, 2))))
     overlay = overlay_of(page, (40, 30), (20, 10), Region(10, 0, 10, 10), (4, 2, 20, 20))
     assert overlay.shape == (30, 40, 4)
     rows, columns = np.nonzero((overlay == INK).all(axis=2))
     assert (rows.mean(), columns.mean()) == (2 + 7, 4 + 5)
-    assert not overlay[:, :4].any()  # beside the picture
+    assert not overlay[:, :4].any()  # left of the picture
     assert not overlay_of(page, (40, 30), None, Region(0, 0, 1, 1), (4, 2, 20, 20)).any()  # black stays black
     text = overlay_of(Page(("text",), outline=page.outline), (400, 300), (20, 10), Region(0, 0, 20, 10), (0, 0, 20, 10))
     assert text[5, 5, 3] > 0
@@ -82,10 +82,10 @@ def test_it_is_shown_while_the_picture_is_placed() -> None:
     assert page is not None
     assert page.outline is not None
     np.testing.assert_array_equal(page.outline.handles, [(0, 0)])
-    assert page.outline.points.max() == 0.5  # what the projector's picture shows: halved by the made-up site
+    assert page.outline.points.max() == 0.5  # the view of the projector, where the test's room halves positions
     shown = len(stage.screen.pages)
     stage.show.step()
-    assert len(stage.screen.pages) == shown  # nothing has changed: not drawn again
+    assert len(stage.screen.pages) == shown  # nothing has changed, so nothing is drawn again
     stage.press("v")
     camera = stage.screen.pages[-1]
     assert camera is not None

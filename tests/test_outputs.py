@@ -1,4 +1,4 @@
-"""Outputs that would overwrite what is read or kept, or cannot be written: refused in one line, nothing is touched."""
+"""Outputs that would overwrite an input, or cannot be written, are refused in one line, and no file changes."""
 
 import importlib
 import os
@@ -31,7 +31,7 @@ MATRICES = "--red T.npz --green T.npz --blue T.npz --camera 9x6 --projector 9x6"
 
 @pytest.fixture(scope="module")
 def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with inputs of every command, kept things, and names that lead to them."""
+    """Return a folder with inputs of every command, protected files, and links to them."""
     folder = tmp_path_factory.mktemp("furnished")
     rng = np.random.default_rng(5)
     write_one_to_one_room(folder / "room", SHAPE)
@@ -64,7 +64,7 @@ def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def state(folder: Path) -> dict[str, object]:
-    """What is in a folder, hidden things too: contents of files, and which file is which."""
+    """Return the inode and content of every path in a folder, hidden paths included."""
     return {
         str(path.relative_to(folder)): (path.lstat().st_ino, path.read_bytes() if path.is_file() else None)
         for path in sorted(folder.rglob("*"))
@@ -72,7 +72,7 @@ def state(folder: Path) -> dict[str, object]:
 
 
 REFUSED = [
-    # The medium, its list, or a frame of it, under whatever name.
+    # The medium, its playlist or one of its frames, under any name.
     ("app room clip.mp4 --output clip.mp4", INPUT),
     ("app room clip.mp4 --output ./plain/../clip.mp4", INPUT),
     ("app room clip.mp4 --output hard.mp4", INPUT),
@@ -98,7 +98,7 @@ REFUSED = [
     (f"tools.merge_exposures {SHOTS} --response curve.toml -o o.exr --save-response curve.toml", INPUT),
     ("tools.fit_projector_response ramp.csv -o ramp.csv", "cannot write .csv; use .toml"),
     ("tools.fit_projector_response ramp.csv --camera-response curve.toml -o curve.toml", INPUT),
-    # Folders that are kept as a whole.
+    # Folders that are protected as a whole.
     ("app room clip.mp4 --output room/o.png", IN_ROOM),
     ("app room clip.mp4 --output o.png --stats room/correction/s.json", IN_ROOM),
     ("app room clip.mp4 --output acquired.captures/captures/00001.png", IN_CAPTURES),
@@ -137,7 +137,7 @@ REFUSED = [
         "exists; name another folder",
     ),
     ("tools.study_accuracy room -o room", HOLDS),
-    # Places where no such thing can be.
+    # Places where no such output can be.
     ("app room clip.mp4 --output nowhere/o.png", "nowhere: no such folder; make it first"),
     ("app room clip.mp4 --output clip.mp4/o.png", "clip.mp4: is a file; choose a folder for o.png"),
     ("app room clip.mp4 --output pictures.png", "is a folder; name a file"),

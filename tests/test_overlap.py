@@ -1,4 +1,4 @@
-"""How alike neighbours are to the camera, against matrices written out; and what becomes of the ties between them."""
+"""Overlap of neighbouring projector pixels in the camera, against dense matrices, and the ties that follow from it."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ IN_FOCUS, WIDE = 0.6, 6.0
 
 
 def seen_by(T: Transport, rng: np.random.Generator) -> np.ndarray:
-    """w, 0 for some."""
+    """Return random weights w of the camera pixels, 0 for some."""
     return rng.uniform(size=T.shape[0]) * (rng.uniform(size=T.shape[0]) < 0.8)
 
 
 def cosines(T: Transport, weights: np.ndarray, axis: int) -> np.ndarray:
-    """κ of each pixel and the next along an axis, one shorter there, by numpy alone."""
+    """Return κ of each pixel and its next neighbour along an axis, by numpy alone. That axis is one shorter."""
     light = np.tensordot(LUMINANCE, written_out(T), 1)
     gram = (light * weights[:, None]).T @ light
     root = np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
@@ -46,7 +46,7 @@ def rooms(rng: np.random.Generator) -> dict[str, Transport]:
 def test_cosines_are_those_of_the_matrix_written_out(
     rng: np.random.Generator, room: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(overlaps, "AT_ONCE", 500)  # in many batches
+    monkeypatch.setattr(overlaps, "AT_ONCE", 500)  # many batches
     T = rooms(rng)[room]
     weights = seen_by(T, rng)
     for found, axis in zip(overlap(T, weights, PROJECTOR), (1, 0), strict=True):
@@ -62,7 +62,7 @@ def test_some_camera_pixels_stand_for_all_of_a_large_room(
     whole = overlap(T, weights, PROJECTOR)
     monkeypatch.setattr(overlaps, "MOST_ENTRIES", T.entries // 3)
     for some, every in zip(overlap(T, weights, PROJECTOR), whole, strict=True):
-        assert 0 < np.abs(some - every).max() < 0.1  # of dozens of camera pixels that see a projector pixel
+        assert 0 < np.abs(some - every).max() < 0.1  # dozens of camera pixels see each projector pixel
 
 
 @pytest.mark.parametrize("blind", [np.zeros, np.ones])
@@ -72,7 +72,7 @@ def test_a_room_without_light_or_without_trust_has_none(blind: object) -> None:
 
 
 def test_ties_are_as_strong_as_what_the_camera_would_see_of_a_drift(rng: np.random.Generator) -> None:
-    """Where all is seen, ω = σ² (√(T_j² T_k²) − T_j T_k): half of what light that moves across the edge changes."""
+    """Where all is seen, ω = σ² (√(T_j² T_k²) − T_j T_k): half of the change when light moves across the edge."""
     for T in rooms(rng).values():
         room: Calibration = calibrated(Transport(T.near, None, CAMERA, PROJECTOR, T.blurred))
         objective = objective_of(T, room, ObjectiveOptions(drift=0.5))
@@ -90,7 +90,7 @@ def test_ties_are_as_strong_as_what_the_camera_would_see_of_a_drift(rng: np.rand
 
 
 def test_neighbours_that_share_a_coarse_camera_pixel_are_still_tied() -> None:
-    """Each camera pixel is the mean of four projector pixels: κ is 1 within it, whatever a finer camera would see."""
+    """Each camera pixel is the mean of four projector pixels, so κ is 1 inside it. A finer camera may differ."""
     camera, projector = (8, 9), (16, 18)
     y, x = np.mgrid[: projector[0], : projector[1]].reshape(2, -1)
     T = np.zeros((3, camera[0] * camera[1], projector[0] * projector[1]))
@@ -99,4 +99,5 @@ def test_neighbours_that_share_a_coarse_camera_pixel_are_still_tied() -> None:
     objective = objective_of(near, calibrated(near), ObjectiveOptions(drift=0.5))
     assert objective.prior is not None
     within = objective.prior.right[:, ::2]
-    np.testing.assert_allclose(within, 0.25 * 0.25**2 * (1 - 0.25), rtol=1e-5)  # v = 0.25: a quarter of κ is believed
+    # v = 0.25: only a quarter of κ is trusted
+    np.testing.assert_allclose(within, 0.25 * 0.25**2 * (1 - 0.25), rtol=1e-5)

@@ -1,4 +1,4 @@
-"""What a viewer changes: mpv's controls by their formulas, adaptation and damping by closed forms, maps, test cards."""
+"""Viewer controls: mpv's by their formulas, adaptation and damping by closed forms, maps, test cards."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +34,7 @@ GREY, COLOUR = (120, 120, 120), (200, 90, 40)
 
 
 def diagonal_room(reach: float, ambient: float, white: float = 1.0, shape: tuple[int, int] = (24, 32)) -> Room:
-    """Camera pixel i sees projector pixel i alone, at full drive with this radiance above the ambient light."""
+    """Return a room with a diagonal T: full drive gives each camera pixel `reach` above the ambient light."""
     count = shape[0] * shape[1]
     device, light = Device(*shape, Response("srgb")), np.full((*shape, 3), ambient, np.float32)
     calibration = Calibration("diagonal", "made by a test", (device,), device, light, np.ones(shape, bool))
@@ -60,7 +60,7 @@ def opened(room: Room, frame: Frame, adjustments: Adjustments = NEUTRAL) -> CpuR
 
 
 def asked(adjustments: Adjustments, colour: Colour) -> np.ndarray:
-    """What an even picture whose codes are linear asks for in a room whose white is 1."""
+    """Return the target of an even picture with linear codes, in a room whose white is 1."""
     c = opened(diagonal_room(1.0, 0.0), even(colour), adjustments).desired()
     np.testing.assert_array_equal(c, np.broadcast_to(c[0, 0], c.shape))
     return np.asarray(c[0, 0], float)
@@ -88,11 +88,11 @@ def test_the_controls_mean_what_they_mean_in_mpv(adjustments: Adjustments, formu
     code = np.array(colour) / 255
     luma = code @ np.array([0.2126, 0.7152, 0.0722])
     expected = np.clip(formula(code, luma), 0, 1)
-    np.testing.assert_allclose(asked(adjustments, colour), expected, atol=1e-5)  # the table of code^(1/γ)
+    np.testing.assert_allclose(asked(adjustments, colour), expected, atol=1e-5)  # rounding in the table of code^(1/γ)
 
 
 def test_saturation_uses_the_luma_of_the_medium(rng: np.random.Generator) -> None:
-    """Without colour, only the luma plane is left, whatever the matrix."""
+    """Without colour, only the luma plane remains, for any colour matrix."""
     for matrix in ("bt601", "bt709", "bt2020"):
         frame = yuv_frame(rng, (24, 32), matrix=matrix, full_range=True, transfer="linear")
         room = diagonal_room(1.0, 0.0)
@@ -145,14 +145,14 @@ def test_the_black_level_lifts_black_and_keeps_white() -> None:
 
 @pytest.mark.parametrize("percent", [1.0, 7.0, 12.0])
 def test_what_is_too_bright_is_scaled_until_the_share_may_clip(percent: float) -> None:
-    """White in a room that reaches 0.6 of it: s − 0.6 of each 1 clips, so s = 0.6 + x."""
+    """White in a room that reaches 0.6 of it: at scale s, s − 0.6 of each 1 clips, so s = 0.6 + the allowed share."""
     c = opened(diagonal_room(0.6, 0.0), even((255, 255, 255)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.6 + percent / 100, atol=1e-6)
 
 
 @pytest.mark.parametrize("percent", [2.0, 10.0])
 def test_what_is_too_dark_is_lifted_until_the_share_may_clip(percent: float) -> None:
-    """Black in a room with ambient light 0.16: of 0.16, 0.16 − o clips, to be half of the share at most."""
+    """Black with ambient light 0.16, lifted to o: 0.16 − o clips, and may be at most half of the share of 0.16."""
     c = opened(diagonal_room(1.0, 0.16), even((0, 0, 0)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.16 * (1 - percent / 200), atol=1e-6)
 
@@ -166,7 +166,7 @@ def test_a_picture_that_the_room_can_show_stays() -> None:
 
 
 def test_adaptation_keeps_its_promise_and_no_more_than_it_must(rng: np.random.Generator) -> None:
-    """The clipped light, summed here again in another way, is within the share; a step brighter, it is not."""
+    """The clipped light, summed independently, is within the share. One step brighter, it exceeds the share."""
     shape, white = (40, 50), 0.8
     ambient, light = rng.uniform(0, 0.1, (*shape, 3)), rng.uniform(0.5, 1, (*shape, 3))
     most = reach_of(light, np.zeros_like(light), rng.uniform(size=shape) < 0.8)
@@ -201,13 +201,13 @@ def test_adaptation_approaches_what_it_found_and_starts_anew_at_a_cut() -> None:
     for frame in (dim, dim, even((0,) * 3), bright):
         renderer.upload(frame)
         seen.append(renderer.desired()[0, 0, 0])
-        assert renderer.desired()[0, 0, 0] == seen[-1]  # drawn again, it stays
+        assert renderer.desired()[0, 0, 0] == seen[-1]  # drawing the frame again changes nothing
     share = 1 - np.exp(-0.04 / SMOOTHING_S)
     u, s = 240 / 255, [0.67]
     target = 0.6 / u + 0.07
     for _ in range(2):
         s.append(s[-1] + share * (target - s[-1]))
-    # s_i = 0.7 and 0.65 bracket the targets, and what clips is a line between them.
+    # s_i = 0.7 and 0.65 bracket the targets; between them, the clipped light is linear.
     np.testing.assert_allclose(seen, [s[0], s[1] * u, s[2] * u, 0, 0.67], atol=1e-6)
 
 
@@ -238,7 +238,7 @@ def test_damping_mixes_with_the_drive_before_and_starts_anew_at_a_cut() -> None:
     np.testing.assert_allclose(shown, [200, 197.5, 195.625, 40, 40], atol=1e-3)
     renderer.render("projector", compensate=False)
     renderer.upload(even((50,) * 3))
-    renderer.render("projector", compensate=False)  # a frame without compensation leaves nothing to go on from
+    renderer.render("projector", compensate=False)  # a frame without compensation leaves no drive to continue from
     renderer.upload(even((60,) * 3))
     renderer.render("projector", compensate=True)
     assert 255 * renderer.linear()[0, 0, 0] == pytest.approx(60, abs=1e-3)
@@ -258,20 +258,20 @@ def test_the_impossible_view_is_the_report_s_map(rng: np.random.Generator) -> No
     codes = renderer.encoded()
     colours = {reason.name: reason.colour for reason in (SERVED, *REASONS)}
     expected = np.full((*CAMERA, 3), colours["served"], np.uint8)
-    for name in ("below_white", "below_mid_grey", "unlit"):  # the first reason wins: drawn last
+    for name in ("below_white", "below_mid_grey", "unlit"):  # the first reason has priority, so it is drawn last
         assert named[name].any()
         expected[named[name]] = colours[name]
     np.testing.assert_array_equal(codes, expected)
 
 
 def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:
-    """Errors of −20, −10, 0, 10, 20 % and more of white, in one channel; the sRGB code is even in the error."""
+    """Errors are −20, −10, 0, 10, 20 % of white and larger, in one channel. The sRGB code is linear in the error."""
     errors = np.array([-0.3, -0.2, -0.1, 0, 0.1, 0.2])
     white, b = 0.5, np.full((1, 7, 3), 0.2)
     ambient = np.full((1, 7, 3), 0.05)
     seen = b + ambient
     seen[0, :6, 1] += white * errors
-    seen[0, :6, 0] += white * errors / 2  # a channel that is nearer
+    seen[0, :6, 0] += white * errors / 2  # another channel with a smaller error
     reach = np.ones((1, 7, 4))
     reach[0, 6, 3] = 0
     light = reference.error_map(seen, ambient, b, reach, white) / white
@@ -282,7 +282,7 @@ def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:
 
 
 def test_the_clipping_map_shows_what_the_room_cannot() -> None:
-    """White where 0.6 is reached: full colour; black in ambient light of 0.1: half and a fifth; grey: none."""
+    """White at 0.6 of its target is fully coloured; black in ambient light of 0.1, by half and a fifth; grey, not."""
     codes = np.zeros((24, 32, 3), np.uint8)
     codes[:, 8:24], codes[:, 24:] = 128, 255
     room, picture = diagonal_room(0.5, 0.1), Adjustments(clipping=True)
@@ -312,12 +312,13 @@ def test_cards_are_what_their_names_say() -> None:
     assert cards["black"].max() == 0
     grid = cards["grid"]
     edge = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
-    assert {tuple(pixel) for pixel in edge.tolist()} == {(1, 0, 0), (1, 1, 1)}  # the frame, and marks in its corners
+    # the frame, and the marks in its corners
+    assert {tuple(pixel) for pixel in edge.tolist()} == {(1, 0, 0), (1, 1, 1)}
     assert grid[0, 0].tolist() == [1, 1, 1]
     rows, columns = np.nonzero(grid[2:-2, 2:-2].min(axis=2) > 0.99)
     ring = np.abs(np.hypot(rows + 2 - 59.5, columns + 2 - 79.5) - 54) < 1
     angles = np.arctan2(rows[ring] + 2 - 59.5, columns[ring] + 2 - 79.5)
-    assert np.diff(np.sort(angles)).max() < 0.06  # round, and closed
+    assert np.diff(np.sort(angles)).max() < 0.06  # the circle is round and closed
     codes = encoding.encode(cards["grey"], Response("srgb").inverse_table())
     np.testing.assert_allclose(np.unique(codes[0]), np.linspace(0, 255, 11), atol=0.51)
     assert np.unique(codes[60]).tolist() == [*range(5), *range(251, 256)]

@@ -1,4 +1,4 @@
-"""Photographs: whole or refused, as they were stored, and not larger than their bytes can hold."""
+"""Picture files are read completely and as stored, or refused. Their size may not exceed what their bytes can hold."""
 
 import struct
 import zlib
@@ -44,12 +44,12 @@ def test_a_flipped_bit_in_a_png_is_refused(rng: np.random.Generator, tmp_path: P
     damaged = content.copy()
     damaged[content.index(b"IDAT") + 40] ^= 4
     path.write_bytes(damaged)
-    with pytest.raises(InputError, match=r"damaged PNG \(checksum"):  # by our own check, whatever the decoder does
+    with pytest.raises(InputError, match=r"damaged PNG \(checksum"):  # by our own check, whatever the decoder reports
         read_picture(path)
 
 
 def test_a_thumbnail_does_not_pass_for_the_end_of_a_jpeg(rng: np.random.Generator, tmp_path: Path) -> None:
-    """A camera's JPEG carries a whole JPEG in its EXIF segment, with an end marker of its own."""
+    """A camera's JPEG contains a complete JPEG in its EXIF segment, with its own end marker."""
     _, encoded = cv2.imencode(".jpg", rng.integers(0, 256, (40, 56, 3), np.uint8))
     content = encoded.tobytes()
     _, small = cv2.imencode(".jpg", rng.integers(0, 256, (8, 8, 3), np.uint8))
@@ -128,7 +128,7 @@ CLAIMS = {
 def test_what_a_header_claims_is_refused_before_it_is_decoded(
     tmp_path: Path, kind: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """And nothing is said elsewhere: libpng and OpenCV write to the process's error output."""
+    """Nothing else is printed, although libpng and OpenCV write to the process's stderr."""
     content, complaint = CLAIMS[kind]
     (tmp_path / "p").write_bytes(content)
     with little_memory():
@@ -152,7 +152,7 @@ def test_a_picture_larger_than_wanted_or_than_memory_is_refused(
 
 
 def test_only_what_is_shown_upright_is_turned(tmp_path: Path) -> None:
-    """Captures stay as the camera stored them, textures are turned as their tag says (6: to the right)."""
+    """Captures stay as the camera stored them. Textures are turned as their EXIF tag says (6: to the right)."""
     _, encoded = cv2.imencode(".jpg", np.zeros((8, 24, 3), np.uint8))
     exif = b"Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
     segment = b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif
@@ -164,7 +164,7 @@ def test_only_what_is_shown_upright_is_turned(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3), (1, 1, 3)])
 def test_pictures_are_read_as_they_were_written(rng: np.random.Generator, dtype: type, shape: tuple[int, ...]) -> None:
-    """By us, who walk the file's structure, and by another library; from a view whose rows are not contiguous."""
+    """Our reader and OpenCV both read PNGs written from a view whose rows are not contiguous."""
     picture = rng.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)[:, ::-1]
     content = encode_png(picture)
     np.testing.assert_array_equal(decode(content, "p.png"), picture)

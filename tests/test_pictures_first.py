@@ -1,4 +1,4 @@
-"""Pictures first: T, response and far light from a handful of pictures, and a room whenever somebody says stop."""
+"""Pictures first: T, response and far light from a few pictures, and a room whenever acquisition stops."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,7 +33,7 @@ from tests.rooms import write_blurred_room
 
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
-    """As the command does: two made small products several times slower."""
+    """Use one thread, as the command does. Two threads made small products several times slower."""
     with threadpool_limits(limits=1):
         yield
 
@@ -44,9 +44,9 @@ GAMMAS = 2.1, 2.2, 2.35
 
 
 def wall(rng: np.random.Generator, sigma: float = 0.7, apart: float = 0.0) -> Transport:
-    """Gaussian spots on paint of its own for each camera pixel and channel.
+    """Return Gaussian spots, with a random paint for each camera pixel and channel.
 
-    apart : projector pixels between two halves of a spot, along a diagonal.
+    apart : projector pixels between the two halves of a spot, along a diagonal.
     """
     y, x = np.mgrid[: CAMERA[0], : CAMERA[1]].reshape(2, -1)
     down, across = 3.5 + (y + 0.5) * 24 / CAMERA[0], 3.5 + (x + 0.5) * 32 / CAMERA[1]
@@ -60,7 +60,7 @@ def wall(rng: np.random.Generator, sigma: float = 0.7, apart: float = 0.0) -> Tr
 
 
 def _line(place: np.ndarray, size: int, sigma: float) -> np.ndarray:
-    """A Gaussian's share of each pixel of a line."""
+    """Return a Gaussian's share of each pixel of a line."""
     edges = np.arange(size + 1) - 0.5 - place[:, None]
     return np.diff(erf(edges / (np.sqrt(2) * sigma)), axis=1) / 2
 
@@ -78,14 +78,14 @@ def acquired(
 
 
 def predicted(done: Acquisition, truth: Transport, drive: np.ndarray) -> float:
-    """PSNR in dB of what T says of a picture."""
+    """Return the PSNR in dB between T applied to a picture and the truth."""
     shape = (*CAMERA, 3)
     seen, expected = (T.apply(drive).reshape(shape) for T in (done.measured.transport, truth))
     return camera_psnr(expected, seen, np.ones(CAMERA, np.bool_), 1.0)
 
 
 def soft_picture(rng: np.random.Generator) -> np.ndarray:
-    """(projector pixels, 3), 0..1, with detail of two projector pixels."""
+    """Return a picture, (projector pixels, 3), 0..1, with detail two projector pixels wide."""
     noise = ndimage.gaussian_filter(rng.normal(size=(*PROJECTOR, 3)), (1, 1, 0))
     return np.clip(0.5 + noise, 0, 1).reshape(-1, 3)
 
@@ -96,7 +96,7 @@ def soft_picture(rng: np.random.Generator) -> np.ndarray:
 def test_more_pictures_begin_with_the_same_ones() -> None:
     few, many = Order(PROJECTOR).pictures(12), Order(PROJECTOR).pictures(50)
     assert all(np.array_equal(few[number], many[number]) for number in range(12))
-    assert len({many[number].tobytes() for number in range(50)}) == 49  # the second white
+    assert len({many[number].tobytes() for number in range(50)}) == 49  # only white occurs twice
 
 
 def test_the_first_pictures_are_black_and_primaries() -> None:
@@ -120,24 +120,24 @@ def test_large_projectors_need_four_more() -> None:
 def test_gaussian_spots_are_found_exactly_without_noise(rng: np.random.Generator) -> None:
     truth = wall(rng)
     found = acquired(room_of(truth), 9, QUIET)
-    # Codes of a sine are rounded, by up to 0.5 % of light near its crest, and the rims of spots, 1/250, are left out.
+    # A sine's codes are rounded, by up to 0.5 % of light near its crest. Spots are cut where they fall below 1/250.
     assert error(found.measured.transport, truth) < 0.03
 
 
 def test_random_pictures_tell_the_shape_of_spots(rng: np.random.Generator) -> None:
-    """Spots in two halves are no Gaussians along rows and columns: places and widths alone miss them."""
+    """Spots in two halves are no Gaussians along rows and columns, so places and widths alone do not describe them."""
     truth = wall(rng, apart=1.6)
     errors = [error(acquired(room_of(truth), count, QUIET).measured.transport, truth) for count in (9, 20, 48)]
     assert errors[0] > 0.15
     assert errors[1] < 0.6 * errors[0]
-    assert errors[2] < 0.1 * errors[0]  # 111 equations for 49 numbers, noise of 16 bits
+    assert errors[2] < 0.1 * errors[0]  # 111 equations for 49 unknowns, 16-bit noise
 
 
 def test_even_far_light_is_told_from_wide_spots(rng: np.random.Generator) -> None:
     near = wall(rng)
     truth = with_far_light(near, 0.3)
     drive = np.zeros((PROJECTOR[0] * PROJECTOR[1], 3))
-    drive[: len(drive) // 4] = 1  # what is dark shows far light alone
+    drive[: len(drive) // 4] = 1  # the dark part shows only far light
     for count, least in ((9, 29), (16, 32)):
         found = acquired(room_of(truth), count)
         assert found.measured.transport.far is not None
@@ -153,7 +153,7 @@ def test_the_response_is_measured_by_the_same_pictures(rng: np.random.Generator)
     for count in (9,):
         found = acquired(room_of(truth, response), count, given=None)
         assert found.light is not None
-        # A place that is 0.02 of 40 pixels off, and noise of 1 % in 2 000 camera pixels: 0.1 %.
+        # A place is wrong by 0.02 of 40 pixels, and 2 000 camera pixels have 1 % noise: 0.1 %.
         np.testing.assert_allclose(found.light.response.to_linear(codes), table, atol=0.01)
         assert predicted(found, truth, soft_picture(rng)) > 38
 
@@ -178,7 +178,7 @@ def test_all_pictures_are_counted(rng: np.random.Generator) -> None:
 
 
 class Counting(SimulatedCamera):
-    """Counts what it photographs, and is interrupted before a capture, if it is to be."""
+    """Counts its captures, and raises KeyboardInterrupt before capture `interrupted`."""
 
     def __init__(self, room: SimulatedRoom, settings: CameraSettings, interrupted: int | None = None) -> None:
         super().__init__(room, settings)
@@ -306,7 +306,7 @@ def test_projectors_take_turns_and_black_is_shown_once() -> None:
 
 
 def test_two_projectors_and_two_cameras(rng: np.random.Generator) -> None:
-    """Each camera's T of each projector is what it is alone; nothing where one of them does not light its view."""
+    """Each pair's T equals a separate acquisition of it, and is empty where the projector lights nothing."""
     truth = [[wall(rng, 0.7), wall(rng, 0.5)], [wall(rng, 0.6).scaled(np.zeros(CAMERA[0] * CAMERA[1])), wall(rng, 0.6)]]
     rooms = [two_lit(join_transports(each, [PROJECTOR] * 2)) for each in truth]
     camera = SimulatedCamera(rooms[0], QUIET, None, rooms[1:])
@@ -323,9 +323,9 @@ def test_two_projectors_and_two_cameras(rng: np.random.Generator) -> None:
                 assert not found.near.indices.size
             else:
                 alone = acquired(room_of(meant), 9, QUIET).measured.transport
-                assert error(found, alone) < 0.002  # exposures that round otherwise
-                assert error(found, meant) < 0.08  # of nine pictures, none of which is random
-    again = acquire_pictures(camera, store, 20, both, LINEAR)  # 19: whole rounds
+                assert error(found, alone) < 0.002  # exposures are rounded differently
+                assert error(found, meant) < 0.08  # nine pictures, none of them random
+    again = acquire_pictures(camera, store, 20, both, LINEAR)  # 19 pictures: only whole rounds are used
     assert [(each.pictures, each.resumed) for each in again] == [(10, 9), (9, 8)]
 
 

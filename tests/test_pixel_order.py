@@ -1,4 +1,4 @@
-"""Swapped sizes of imported matrices: found in smooth rooms, never suspected where the sizes are right."""
+"""Swapped sizes of imported matrices are found in smooth rooms, and never suspected where the sizes are right."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_swapped_sizes_are_found(what: str, tilt: float, cover: float, blur: flo
 
 
 def test_pixels_in_columns_are_found() -> None:
-    """Numbered from top to bottom first, as MATLAB and Fortran do: smooth for swapped sizes."""
+    """Pixels numbered from top to bottom first, as in MATLAB and Fortran, look smooth if the sizes are swapped."""
     T = smooth(np.random.default_rng(4), CAMERA, PROJECTOR)
     down = np.arange(T.shape[0]).reshape(CAMERA).T.ravel()
     found = misreading(rows(Csr(T[down])), CAMERA, PROJECTOR)

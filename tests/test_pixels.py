@@ -18,7 +18,7 @@ def _equal(found: Planes, expected: Planes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("pixel_format", "columns", "rows", "shift"),  # shift: p010's ten bits are the upper ones
+    ("pixel_format", "columns", "rows", "shift"),  # shift: p010 stores its ten bits in the upper bits
     [("nv12", 2, 2, 0), ("nv16", 2, 1, 0), ("nv24", 1, 1, 0), ("p010le", 2, 2, 6), ("p210le", 2, 1, 6)],
 )
 @pytest.mark.parametrize("color_range", [0, 1, 2])
@@ -96,7 +96,7 @@ def test_packed_rgb_is_unpacked_by_its_letters(order: str, rng: np.random.Genera
 
 
 def _frame_of_rows(packed: NDArray[Any], pixel_format: str, width: int | None = None) -> av.VideoFrame:
-    """A frame of one packed plane, (rows, columns, channels)."""
+    """Return a frame of one packed plane, (rows, columns, channels)."""
     frame = av.VideoFrame(width or packed.shape[1], packed.shape[0], pixel_format)
     rows = np.zeros((packed.shape[0], frame.planes[0].line_size), np.uint8)
     stored = np.ascontiguousarray(packed).view(np.uint8).reshape(packed.shape[0], -1)

@@ -1,4 +1,4 @@
-"""Where a picture stands: pinned by its corners, filtered, and kept beside the calibration."""
+"""Placement: pinned by its corners, filtered, and stored next to the calibration."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def test_upright_corners_place_a_picture_as_fitting_does(rng: np.random.Generato
 
 
 def test_corners_map_as_opencv_says(rng: np.random.Generator) -> None:
-    """Where the picture is enlarged, a ramp is reproduced exactly: each pixel shows its place in the picture."""
+    """An enlarged ramp is reproduced exactly: each pixel shows its position in the picture."""
     corners, target, size = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8)), (60, 80), (9, 12)
     v, u = np.mgrid[: size[0], : size[1]] + 0.5
     shown = pinned(np.stack([u, v, np.ones_like(u)], axis=2), target, homography(corners, target, size))
@@ -38,7 +38,7 @@ def test_corners_map_as_opencv_says(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(shown[inner, :2], place[inner], atol=1e-5)
     outside = np.any((place < -0.5) | (place > np.array([12.5, 9.5])), axis=2)
     assert shown[outside].max() == 0
-    # The area that is covered is the quadrilateral's, in part covered edges, too.
+    # The covered area is the quadrilateral's area, partly covered edges included.
     assert shown[..., 2].sum() == pytest.approx(cv2.contourArea(np.float32(quad)), rel=2e-3)
 
 
@@ -54,7 +54,7 @@ def test_a_mirrored_picture_is_mirrored(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("angle", [0, 17, 45, 80])
 def test_a_fine_pattern_made_small_becomes_its_mean(angle: int) -> None:
-    """A chequerboard of single pixels, seven to a pixel of the target: sampling alone would give 0 and 1."""
+    """A target pixel covers seven single-pixel squares of a chequerboard. Sampling alone would give 0 and 1."""
     board = np.repeat((np.indices((300, 300)).sum(axis=0) % 2)[..., None], 3, axis=2).astype(float)
     turn = np.deg2rad(angle)
     radius = 300 / 7 / 100 / np.sqrt(2)
@@ -63,7 +63,7 @@ def test_a_fine_pattern_made_small_becomes_its_mean(angle: int) -> None:
     )
     shown = pinned(board, (100, 100), homography(corners, (100, 100), (300, 300)))[..., 0]  # type: ignore[arg-type]
     inner = np.hypot(*(np.mgrid[:100, :100] - 49.5)) < 300 / 7 / 2 - 2
-    np.testing.assert_allclose(shown[inner], 0.5, atol=0.02)  # the tent's side lobes
+    np.testing.assert_allclose(shown[inner], 0.5, atol=0.02)  # side lobes of the tent filter
 
 
 def test_a_placement_is_kept_beside_the_calibration(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A real clip and its decoder against a clock that is made up: what is shown when rendering takes long."""
+"""A real clip and decoder against a simulated clock: frames shown when rendering is slow."""
 
 import time
 from fractions import Fraction
@@ -23,11 +23,11 @@ from tests.stage import Clock, Screen
 
 RATE, FRAMES = 25, 250
 FRAME_S = 1 / RATE
-DECODER_S = 0.02  # of real time, for each millisecond that the clock spends waiting for the decoder
+DECODER_S = 0.02  # real seconds per millisecond that the clock waits for the decoder
 
 
 class SlowScreen(Screen):
-    """A display and renderer that take `rendering_s` of the clock's time a frame."""
+    """A display and renderer that take `rendering_s` of the clock's time per frame."""
 
     def __init__(self, clock: Clock, rendering_s: float) -> None:
         super().__init__()
@@ -35,7 +35,7 @@ class SlowScreen(Screen):
         self.asked: list[float] = []
 
     def poll(self, timeout_s: float) -> list[str]:
-        self._clock.now += max(timeout_s, 1e-4)  # less can vanish in rounding
+        self._clock.now += max(timeout_s, 1e-4)  # a smaller step can vanish in rounding
         if timeout_s <= playbacks.DECODER_WAIT_S:
             time.sleep(DECODER_S)
         return []
@@ -47,7 +47,7 @@ class SlowScreen(Screen):
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten seconds at 25 frames a second."""
+    """Write ten seconds at 25 frames per second."""
     path = tmp_path_factory.mktemp("clip") / "clip.mkv"
     grey, neutral = np.full((32, 48), 100, np.uint8), np.full((16, 24), 128, np.uint8)
     with av.open(str(path), "w") as container:
@@ -62,7 +62,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Waiting(Media):
-    """Media that are open at once, as no time passes on a clock that is made up."""
+    """Opens media immediately, because no time passes on the simulated clock while a medium opens."""
 
     def begin(self, medium: Medium, *, loop: bool) -> MediaReader:
         return MediaReader.open(medium, loop=loop)
@@ -86,14 +86,14 @@ def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: An
 
 @pytest.fixture(params=[0.07, 0.3, 0.5, 1.1])
 def rendering_s(request: pytest.FixtureRequest) -> float:
-    """2 to 28 frame times, where the decoder's ring holds 8 frames."""
+    """Return rendering times of 2 to 28 frame times. The decoder's ring holds 8 frames."""
     return float(request.param)
 
 
 def test_what_is_shown_is_never_later_than_a_frame_time_and_a_rendering(clip: Path, rendering_s: float) -> None:
-    longest_s = rendering_s + FRAME_S  # a rendering, and at most the wait for the next frame
+    longest_s = rendering_s + FRAME_S  # one rendering plus the longest wait for the next frame
     session, screen = played(clip, rendering_s, limit=int(FRAMES / RATE / longest_s) - 1)
-    assert session.stats.percentile_ms("late", 100) <= 1000 * longest_s + 5  # the waits are of milliseconds
+    assert session.stats.percentile_ms("late", 100) <= 1000 * longest_s + 5  # waits are a few milliseconds
     assert session.stats.stalled_s == 0
     assert len(screen.uploaded) > 1
 
@@ -119,7 +119,7 @@ def test_a_fast_renderer_drops_nothing(clip: Path) -> None:
 
 @pytest.mark.parametrize(("rendering_s", "every"), [(0.03, 1), (0.045, 2), (0.07, 2), (0.105, 3), (0.3, 8)])
 def test_a_slow_renderer_shows_every_nth_frame(clip: Path, rendering_s: float, every: int) -> None:
-    """After a few seconds, at equal intervals; the last frame comes whatever its number."""
+    """After a few seconds, the intervals are equal. The last frame is shown, whatever its number."""
     session, screen = played(clip, rendering_s)
     settled = [number for number in screen.uploaded if number > FRAMES / 2][:-1]
     assert set(np.diff(settled)) == {every}
@@ -133,7 +133,7 @@ def test_laps_and_speeds_are_in_time_too(clip: Path) -> None:
 
 
 class SlowDecoder:
-    """A reader of 25 frames a second that has one of them each time its clock has moved on by `decode_s`."""
+    """A reader at 25 frames per second that delivers one frame whenever its clock has advanced by `decode_s`."""
 
     def __init__(self, reader: MediaReader, clock: Clock, decode_s: float) -> None:
         self._reader, self._clock, self._decode_s, self._next_s = reader, clock, decode_s, clock.now
@@ -151,10 +151,13 @@ class SlowDecoder:
 
 
 def test_time_waits_for_a_decoder_that_cannot_keep_up(clip: Path) -> None:
-    """80 ms to decode 40 ms: shown late by no more than what is tolerated or held back, and at half the speed."""
+    """Decoding takes 80 ms per 40 ms frame.
+
+    Playback runs at half speed, and no frame is late by more than the tolerance.
+    """
     clock, late_s, began_s = Clock(), [], 100.0
     with MediaReader.open(clip) as reader:
-        playback = Playback(SlowDecoder(reader, clock, 2 * FRAME_S - 1e-3), clock)  # the clock ticks 5 ms
+        playback = Playback(SlowDecoder(reader, clock, 2 * FRAME_S - 1e-3), clock)  # the clock advances by 5 ms
         while not playback.finished:
             frame = playback.due()
             if frame is not None:

@@ -42,7 +42,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Transport]:
 
 @pytest.fixture
 def room(built: tuple[Path, Transport], tmp_path: Path) -> Path:
-    """A copy that a test may damage."""
+    """Return a copy that a test may damage."""
     shutil.copytree(built[0], tmp_path / "wall")
     return tmp_path / "wall"
 
@@ -61,11 +61,11 @@ def test_an_exr_is_compensated_as_the_equation_says(
     succeed("play", *files, "--backend", backend, "--refine", "0")
     stored = calibration.read(room)
     expected = np.clip(drive_of(maps.read_maps(stored), target - stored.calibration.ambient), 0, 1)
-    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the issue's bound
+    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the bound of the requirement
 
 
 def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Path, rng: np.random.Generator) -> None:
-    """The issue's chain with nobody's own inverse in it: import, build, play, against numpy.linalg.pinv."""
+    """The chain import, build, play agrees with numpy.linalg.pinv."""
     camera = 8, 9
     dense = np.where(rng.uniform(size=(3, 72, 30)) < 0.12, rng.uniform(0.2, 1, (3, 72, 30)), 0).astype(np.float32)
     dense[:, :30] += np.eye(30, dtype=np.float32)  # every projector pixel is seen
@@ -87,11 +87,12 @@ def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Pa
     light = np.clip((c.astype(float) - ambient).reshape(-1, 3), 0, full)
     drive = np.stack([np.linalg.pinv(dense[i].astype(float)) @ light[:, i] for i in range(3)], axis=1)
     result = exr.read_rgb(tmp_path / "p.exr").reshape(-1, 3)
-    np.testing.assert_allclose(result, np.clip(drive, 0, 1), atol=1e-5)  # the issue's bound; rows' L1 norm is below 10
+    # the bound of the requirement; the L1 norm of rows is below 10
+    np.testing.assert_allclose(result, np.clip(drive, 0, 1), atol=1e-5)
 
 
 def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_path: Path, target: np.ndarray) -> None:
-    """Asking for a picture that some drive makes exactly gives that picture back, through the true T."""
+    """A picture that some drive produces exactly comes back through the true T."""
     folder, transport = built
     stored = calibration.read(folder)
     drive = cv2.GaussianBlur(np.random.default_rng(3).uniform(0.2, 0.8, (*ROOM_PROJECTOR, 3)), (0, 0), 2)
@@ -100,9 +101,10 @@ def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_p
     files = folder, tmp_path / "c.exr", "--output", tmp_path / "seen.exr"
     succeed("play", *files, "--view", "camera", "--refine", "0")
     seen = exr.read_rgb(tmp_path / "seen.exr")
-    assert np.sqrt(np.mean((seen - asked) ** 2)) < 0.005 * asked.max()  # damping of 0.02 σ₁ shrinks by about λ²/σ²
+    # damping of 0.02 σ₁ shrinks the result by about λ²/σ²
+    assert np.sqrt(np.mean((seen - asked) ** 2)) < 0.005 * asked.max()
     plain = transport.apply(np.clip(asked.reshape(-1, 3)[: drive.size // 3], 0, 1)).reshape(*ROOM_CAMERA, 3)
-    assert np.sqrt(np.mean((plain - asked) ** 2)) > 0.05 * asked.max()  # and without T⁺ it would not
+    assert np.sqrt(np.mean((plain - asked) ** 2)) > 0.05 * asked.max()  # without T⁺ the error is large
 
 
 def test_a_clip_becomes_a_video_with_its_frames(room: Path, tmp_path: Path) -> None:
@@ -125,14 +127,14 @@ def test_gl_and_cpu_render_the_same_codes(room: Path, tmp_path: Path) -> None:
             out = tmp_path / f"{view}-{backend}.png"
             succeed("play", room, CLIP, "--output", out, "--view", view, "--backend", backend, "--start", "2")
         pictures = [cv2.imread(str(tmp_path / f"{view}-{backend}.png")).astype(int) for backend in ("gl", "cpu")]
-        assert np.abs(pictures[0] - pictures[1]).max() <= 1  # one code value: a rounding may tip
+        assert np.abs(pictures[0] - pictures[1]).max() <= 1  # rounding may change one code value
         assert pictures[0].std() > 5
 
 
 def test_a_file_is_rendered_on_the_processor_where_no_gpu_runs_opengl(
     room: Path, tmp_path: Path, gl_context: moderngl.Context
 ) -> None:
-    """Whatever machine this runs on; an explicit choice, of a path too, is kept and not commented."""
+    """This holds on any machine. An explicit backend or path is kept without a comment."""
     software = in_software(gl_context.info["GL_RENDERER"])
     for number, (options, used) in enumerate(
         (([], "cpu" if software else "fragment"), (["--backend", "gl"], "fragment"), (["--path", "compute"], "compute"))
@@ -179,7 +181,7 @@ def test_compensation_is_what_raises_the_psnr(room: Path, tmp_path: Path) -> Non
 
 
 def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tmp_path: Path) -> None:
-    """Letters, whose T⁺ clips: the error falls with every step and ends at what the CPU solver finds."""
+    """T⁺ clips on letters: the error falls with every step and ends at the CPU solver's result."""
     folder, transport = built
     stored = calibration.read(folder)
     c = np.kron(np.random.default_rng(4).choice([0.02, 0.4], (9, 10, 3)), np.ones((4, 5, 1))).astype(np.float32)
@@ -200,7 +202,7 @@ def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tm
             assert facts["steps"] == steps
             bounds.append(np.inf if facts["certified_db"] is None else facts["certified_db"])
     assert errors == sorted(errors, reverse=True)
-    assert errors[-1] == pytest.approx(best, rel=1e-3)  # the solver's own gap is 1e-4
+    assert errors[-1] == pytest.approx(best, rel=1e-3)  # the solver's gap is 1e-4
     assert errors[0] > 1.1 * best
     assert all(10 * np.log10(error / least) <= bound + 1e-3 for error, bound in zip(plain[1:], bounds, strict=True))
     assert bounds[-1] < 1
@@ -255,7 +257,8 @@ def test_no_map_yet(tmp_path: Path) -> None:
     ("arguments", "complaint"),
     [
         (["nowhere", "CLIP", "--output", "OUT/o.png"], "nowhere: no such folder"),
-        (["nowhere", "OUT/none.mp4", "--output", "OUT/o.png"], "none.mp4: no such file"),  # before a room is read
+        # the medium is checked before the room is read
+        (["nowhere", "OUT/none.mp4", "--output", "OUT/o.png"], "none.mp4: no such file"),
         (["nowhere", "CLIP", "--screenshot-directory", "OUT/none"], "no such folder for --screenshot-directory"),
         (["ROOM", "CLIP", "--output", "OUT/o.tiff"], "cannot write .tiff"),
         (["ROOM", "CLIP", "--output", "OUT/no/o.png"], "no such folder"),
@@ -361,7 +364,7 @@ def test_an_interrupt_leaves_the_previous_map(
 def test_a_sequence_is_replaced_as_a_whole_or_not_at_all(
     room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The sequence that is there is longer: what it has beyond the new one goes, too."""
+    """The existing sequence is longer than the new one, and its extra frames are removed."""
     frames = [tmp_path / f"f{index:03d}.png" for index in range(5)]
     for index, frame in enumerate(frames):
         cv2.imwrite(str(frame), np.full((30, 40, 3), 40 * index + 40, np.uint8))
@@ -385,7 +388,7 @@ def test_a_sequence_is_replaced_as_a_whole_or_not_at_all(
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 def test_frames_keep_their_times(room: Path, tmp_path: Path, suffix: str) -> None:
-    """A clip whose frames last differently long, into a name with a colon."""
+    """A clip with frames of different durations is written to a name with a colon."""
     times = [0.0, 0.04, 1.04, 1.08, 3.08, 3.12]
     clip, rendered = tmp_path / "clip.mkv", tmp_path / f"12:30{suffix}"
     with av.open(str(clip), "w") as container:

@@ -1,4 +1,4 @@
-"""Playlists that are edited while they play, by mpv's commands, on a made-up clock; folders that may be browsed."""
+"""Playlists edited during playback by mpv's commands, on a simulated clock, and folders that may be browsed."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from tests.stage import Reader, Stage
 
 @pytest.fixture
 def stage() -> Stage:
-    """a, b, c and d, of which b plays."""
+    """Return a stage with media a, b, c and d; b plays."""
     stage = Stage(*(Reader(name, count=1000) for name in "abcd"))
     stage.advance(0.1)
     stage.commands.set("playlist-pos", 1)
@@ -21,7 +21,7 @@ def stage() -> Stage:
 
 
 def state(stage: Stage) -> tuple[str, str, int, int]:
-    """The list, what plays, and the two positions."""
+    """Return the list, the playing medium, and the two positions."""
     get = stage.commands.get
     return "".join(get("playlist")), get("path"), get("playlist-playing-pos"), get("playlist-pos")
 
@@ -34,7 +34,7 @@ def state(stage: Stage) -> tuple[str, str, int, int]:
         (("playlist-remove", 1), ("acd", "c", 1, 1)),
         (("playlist-remove", "current"), ("acd", "c", 1, 1)),
         (("playlist-clear",), ("b", "b", 0, 0)),
-        (("playlist-move", 1, 3), ("acbd", "b", 2, 2)),  # mpv: before the one that was at 3
+        (("playlist-move", 1, 3), ("acbd", "b", 2, 2)),  # as in mpv: before the entry that was at 3
         (("playlist-move", 1, 4), ("acdb", "b", 3, 3)),
         (("playlist-move", 3, 0), ("dabc", "b", 2, 2)),
         (("playlist-move", 0, 0), ("abcd", "b", 1, 1)),
@@ -59,7 +59,7 @@ def test_a_shuffled_list_holds_the_same_and_what_plays_goes_on(stage: Stage) -> 
         media, path, on, position = state(stage)
         assert (sorted(media), path, on, media[on]) == (list("abcd"), "b", position, "b")
         orders.add(media)
-    assert len(orders) > 2  # 24 orders, twenty times
+    assert len(orders) > 2  # twenty random draws from 24 orders
 
 
 def test_what_was_opened_before_its_turn_gives_way_to_what_is_inserted() -> None:

@@ -1,4 +1,4 @@
-"""The checks before an acquisition: a sound rig passes, and each fault is told with its own advice."""
+"""The checks before an acquisition: a sound rig passes, and each fault gets its own advice."""
 
 import re
 import sys
@@ -33,9 +33,10 @@ def findings(camera: SimulatedCamera) -> dict[str, Finding]:
 
 
 class Faulty(SimulatedCamera):
-    """A simulated camera whose pictures (on their way to the wall) or shots are changed.
+    """A simulated camera whose pictures (before projection) or shots are changed.
 
-    seen : of a shot and of the frames since the picture changed.
+    shown : changes the codes of a picture.
+    seen : changes a shot, given the number of frames since the picture changed.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class Faulty(SimulatedCamera):
         frame, skip, show = self.eye.frame, self.eye.skip, self.screen.show
         self.since, self.mean = 0, -1.0
 
-        def counted_skip() -> None:  # a frame is a skip, too
+        def counted_skip() -> None:  # a frame skips one, too
             self.since += 1
             skip()
 
@@ -65,7 +66,7 @@ class Faulty(SimulatedCamera):
 @pytest.mark.parametrize("lag", [0, 1, 4])
 def test_a_sound_rig_passes_and_its_lag_is_found(room: SimulatedRoom, lag: int) -> None:
     camera = SimulatedCamera(room, replace(NOISY, lag=lag))
-    camera.lag = 0  # nobody has told
+    camera.lag = 0  # the lag is unknown at first
     found = findings(camera)
     assert len(found) == len(CHECKS)
     assert {finding.grade for finding in found.values()} == {"good"}
@@ -75,7 +76,7 @@ def test_a_sound_rig_passes_and_its_lag_is_found(room: SimulatedRoom, lag: int) 
 
 @pytest.mark.parametrize("bracket", [(1.0, 4.0), (4.0, 1.0), (4.0, 1.0, 2.0)])
 def test_a_bracket_may_come_in_any_order(room: SimulatedRoom, bracket: tuple[float, ...]) -> None:
-    """What the longer exposure saturates, the shortest tells."""
+    """The shortest exposure measures what the longer ones saturate."""
     found = findings(SimulatedCamera(room, replace(NOISY, exposures=bracket)))
     assert [finding.grade for finding in found.values()] == ["good"] * len(CHECKS)
 
@@ -90,29 +91,29 @@ def test_captures_with_the_lag_that_was_found_are_those_without_lag(room: Simula
 
 
 def automatic(shot: Shot, _: int) -> Any:
-    """An exposure that makes every bright picture equally bright, at once."""
+    """Model an automatic exposure that gives all bright pictures the same mean at once."""
     return shot * (20000.0 / shot.mean() if shot.mean() > 5000 else 1.0)
 
 
 def weakly_curved(shot: Shot, _: int) -> Any:
-    """More contrast, so little that half the exposure time gives nearly half the light."""
+    """Model a curve of so little contrast that half the exposure time gives nearly half the light."""
     light = shot / 65535.0
     return 65535 * (0.6 * light + 0.4 * light * light * (3 - 2 * light))
 
 
 def white_segment(codes: Codes) -> Codes:
-    """Colours are shown at two thirds of what they have as a part of white."""
+    """Model a white segment: colours have two thirds of their light as a part of white."""
     grey = np.all(codes == codes[..., :1], axis=2, keepdims=True)
     return np.where(grey, codes, codes // 3 * 2).astype(np.uint8)
 
 
 def dimming(codes: Codes) -> Codes:
-    """Dynamic contrast: the lamp dims with the mean of the picture."""
+    """Model dynamic contrast: the lamp dims with the picture's mean."""
     return np.asarray(codes * (0.7 + 0.3 * codes.mean() / 255), np.uint8)
 
 
 class Stale:
-    """A projector that shows every third picture, after some, only when the next one comes."""
+    """A projector that, after 13 pictures, shows every third picture only when the next one comes."""
 
     def __init__(self) -> None:
         self.last, self.count = np.zeros((*PROJECTOR, 3), np.uint8), 0
@@ -164,11 +165,11 @@ def test_a_dark_room_has_no_projector() -> None:
     assert found["projector"].grade == "bad"
 
 
-# Video and still cameras; what is inside OpenCV and the driver is played by a stand-in that keeps settings.
+# Video and still cameras. A stand-in that keeps settings replaces OpenCV and the driver.
 
 
 class Driver:
-    """A video camera's settings; `stubborn` ones stay as they are."""
+    """A video camera's settings. Settings in `stubborn` never change."""
 
     def __init__(self, stubborn: tuple[int, ...] = ()) -> None:
         self.settings: dict[int, float] = {cv2.CAP_PROP_AUTO_EXPOSURE: 3.0, cv2.CAP_PROP_AUTO_WB: 1.0}
@@ -181,7 +182,7 @@ class Driver:
     def set(self, prop: int, value: float) -> bool:
         if prop not in self.stubborn:
             self.settings[prop] = value
-        return True  # as drivers do
+        return True  # drivers report success here
 
     def grab(self) -> bool:
         self.frames -= 1
@@ -189,7 +190,7 @@ class Driver:
 
     def read(self) -> tuple[bool, Shot]:
         picture = np.zeros((*CAMERA, 3), np.uint8)
-        picture[..., 0] = 200  # OpenCV's blue
+        picture[..., 0] = 200  # blue in OpenCV's order
         return self.grab(), picture
 
 
@@ -199,7 +200,7 @@ def test_a_video_camera_is_set_by_hand() -> None:
     assert driver.settings[cv2.CAP_PROP_AUTO_EXPOSURE] == 1
     assert driver.settings[cv2.CAP_PROP_AUTO_WB] == 0
     eye.expose(1 / 60)
-    assert driver.settings[cv2.CAP_PROP_EXPOSURE] == 167  # of 100 µs
+    assert driver.settings[cv2.CAP_PROP_EXPOSURE] == 167  # units of 100 µs
     assert eye.frame()[0, 0].tolist() == [0, 0, 200]
     eye.skip()
     eye.skip()

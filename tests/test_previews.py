@@ -1,4 +1,4 @@
-"""Small pictures for whoever looks from elsewhere: when they are made, and what they cost. The clock is made up."""
+"""Preview pictures for remotes: when they are made and what they cost, on a simulated clock."""
 
 import base64
 import json
@@ -14,7 +14,7 @@ PICTURE = np.stack([*np.meshgrid(np.linspace(30, 200, 24), np.linspace(60, 90, 1
 
 
 class Costly:
-    """A renderer whose pictures cost time."""
+    """A renderer whose preview pictures cost time."""
 
     def __init__(self, stage: Stage, cost_s: float) -> None:
         self.now_s, self.cost_s, self.made = 0.0, cost_s, 0
@@ -49,7 +49,7 @@ def test_a_picture_is_made_once_and_again_when_another_one_is_shown() -> None:
     stage.commands.set("contrast", 5)
     stage.show.step()
     assert previews.take("screen", told["serial"])["serial"] != told["serial"]  # type: ignore[arg-type, index]
-    assert previews.take("camera", -1) is None  # the renderer has none
+    assert previews.take("camera", -1) is None  # the renderer has no such picture
 
 
 def test_nothing_is_made_before_anything_is_shown() -> None:
@@ -60,18 +60,18 @@ def test_nothing_is_made_before_anything_is_shown() -> None:
 
 @pytest.mark.parametrize("cost_s", [0.001, 0.02])
 def test_a_show_with_time_left_gives_a_share_of_it(cost_s: float) -> None:
-    """Somebody asks without end for a picture that is always another one."""
+    """A client always asks for a new picture, and receives a fixed share of the time."""
     previews, _, costly = previews_of(cost_s, Reader(still=True))
     while costly.now_s < 60:
         if previews.take("screen", -1) is None:
             costly.now_s += 0.001
-    assert costly.made * cost_s / costly.now_s == pytest.approx(MOST_TIME, rel=0.1)  # a look comes up to 1 ms late
+    assert costly.made * cost_s / costly.now_s == pytest.approx(MOST_TIME, rel=0.1)  # the client asks up to 1 ms late
 
 
 def test_a_show_without_time_left_is_disturbed_seldom() -> None:
-    """25 frames a second leave no 50 ms between two."""
+    """At 25 frames per second, no 50 ms remain between two frames."""
     previews, stage, costly = previews_of(0.05, Reader(count=100_000))
-    for _ in range(12):  # until it is known what a picture costs
+    for _ in range(12):  # until the cost of a picture is known
         costly.now_s += 10
         assert previews.take("screen", -1) is not None
     costly.made, began = 0, costly.now_s
@@ -80,7 +80,7 @@ def test_a_show_without_time_left_is_disturbed_seldom() -> None:
             costly.now_s += 0.01
     assert costly.made * 0.05 / (costly.now_s - began) == pytest.approx(
         MOST_STOLEN, rel=0.1
-    )  # a look comes up to 10 ms late
+    )  # the client asks up to 10 ms late
     assert stage.session.playback is not None
     stage.session.playback.paused = True
     costly.now_s += LEAST_S
@@ -88,4 +88,4 @@ def test_a_show_without_time_left_is_disturbed_seldom() -> None:
     for _ in range(4):
         costly.now_s += 1.0
         previews.take("screen", -1)
-    assert costly.made == made + 4  # there is time now
+    assert costly.made == made + 4  # a paused show has time

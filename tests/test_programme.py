@@ -1,4 +1,4 @@
-"""What plays next when media open slowly, fail, or are wished for: programme and session on a made-up clock."""
+"""The next medium when media open slowly, fail, or are requested: programme and session on a simulated clock."""
 
 import os
 import threading
@@ -22,7 +22,7 @@ SLOW_S = 3.0
 
 
 def playing(*readers: Reader, **options: object) -> Stage:
-    """A stage on which the first medium plays."""
+    """Return a stage on which the first medium plays."""
     stage = Stage(*readers, **options)  # type: ignore[arg-type]
     stage.advance(0.1)
     assert stage.commands.get("path") == readers[0].path
@@ -30,7 +30,7 @@ def playing(*readers: Reader, **options: object) -> Stage:
 
 
 def position(stage: Stage) -> tuple[str, int, int]:
-    """What plays, where that is in the list, and where the list is."""
+    """Return the playing medium, its position in the list, and the list's position."""
     return stage.commands.get("path"), stage.commands.get("playlist-playing-pos"), stage.commands.get("playlist-pos")
 
 
@@ -76,7 +76,7 @@ def test_the_next_medium_is_opened_before_its_turn_even_if_a_frame_is_due_in_eve
 
 
 def test_a_change_past_media_that_fail_takes_no_loop() -> None:
-    """The end of a at 104 s: the last frame of a, then the first of b, in consecutive loops."""
+    """The end of a at 104 s: the last frame of a and the first frame of b come in consecutive loops."""
     broken = [Reader(name, error=f"{name}: gone", opens_s=0.5) for name in "xyz"]
     stage = Stage(Reader("a", count=100), *broken, Reader("b", count=50))
     stage.show.step()
@@ -92,7 +92,7 @@ def test_a_change_past_media_that_fail_takes_no_loop() -> None:
 
 
 def test_a_change_is_as_late_as_the_first_frame_of_the_next_medium() -> None:
-    """a ends at 101 s; b, which opens in 1.5 s though looked for 1 s ahead, begins at 101.5 s."""
+    """a ends at 101 s. b takes 1.5 s to open but is prepared only 1 s ahead, so it begins at 101.5 s."""
     stage = Stage(Reader("a", count=25), Reader("b", count=50, opens_s=1.5))
     stage.show.step()
     stage.advance(2.0)
@@ -101,7 +101,7 @@ def test_a_change_is_as_late_as_the_first_frame_of_the_next_medium() -> None:
 
 
 def test_times_go_on_from_the_end_of_the_medium_before() -> None:
-    """a ends at 101.00 s, which is noticed at 101.015: b's frames are due at 101.00, 101.04, …."""
+    """a ends at 101.00 s, noticed at 101.015 s: b's frames are still due at 101.00, 101.04, …."""
     stage = Stage(Reader("a", count=25), Reader("b", count=50))
     stage.show.step()
     stage.advance(0.99)
@@ -206,7 +206,7 @@ def test_a_list_that_fails_as_a_whole_ends_a_show_with_its_error() -> None:
     ("media", "ends_well"),
     [
         ([Reader("x", error="x: gone"), Reader("a", count=5)], True),
-        ([Reader("a", count=5), Reader("x", error="x: gone")], False),  # it ends since x could not be played
+        ([Reader("a", count=5), Reader("x", error="x: gone")], False),  # the show ends because x could not be played
         ([Reader("a", count=5, fails_at=3)], False),
         ([Reader("a", count=5, fails_at=3), Reader("b", count=5)], True),
     ],
@@ -221,7 +221,7 @@ def test_a_show_whose_last_medium_fails_does_not_end_well(media: list[Reader], e
 
 
 def run(stage: Stage) -> None:
-    """Play to the end as Session.run does, by the made-up clock."""
+    """Play to the end on the simulated clock, as Session.run does."""
     screen = stage.screen
 
     def poll(timeout_s: float) -> list[str]:
@@ -243,7 +243,7 @@ def test_a_lasting_show_tries_again_later_and_later_and_plays_what_has_come_back
     waits = [after - before for before, after in pairwise(tried_s)]
     expected = [min(RETRY_S * 2**n, LONGEST_RETRY_S) for n in range(1, 1 + len(waits))]
     assert len(waits) > 6
-    assert waits == pytest.approx(expected, abs=0.2)  # the steps in which the clock goes
+    assert waits == pytest.approx(expected, abs=0.2)  # in steps of the simulated clock
     lines = capsys.readouterr().err.splitlines()
     assert lines[:4] == ["x: gone", "y: gone; trying again in 1 s", "x: gone", "y: gone; trying again in 2 s"]
     assert not stage.session.done
@@ -326,7 +326,7 @@ def test_media_that_may_not_be_named_are_refused_at_once(tmp_path: Path) -> None
 
 
 def advance_until(stage: Stage, condition: Callable[[], bool]) -> None:
-    """Let the made-up time pass while a real thread works."""
+    """Advance the simulated clock while a real thread works."""
     for _ in range(3000):
         if condition():
             return
@@ -336,7 +336,7 @@ def advance_until(stage: Stage, condition: Callable[[], bool]) -> None:
 
 
 def test_a_list_on_a_disk_that_does_not_answer_stops_nothing(tmp_path: Path) -> None:
-    """The disk is a function that waits; the list is passed over after its time."""
+    """A function that waits replaces the disk. The playlist is passed over after its time limit."""
     answer = threading.Event()
     stage = Stage(Reader("a", count=50_000))
 

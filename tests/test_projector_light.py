@@ -1,4 +1,4 @@
-"""A projector's response and primaries as an acquisition measures them, and what it says of light that is odd."""
+"""The measured response and primaries of a projector, and the warnings about unusual light."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,12 +29,12 @@ from tests.test_acquisition import unfinished
 
 Light = Callable[[FloatArray], FloatArray]  # codes 0..1, (projector pixels, 3), to the drive of each primary
 GREY = np.linspace(0, 1, 256)[:, None].repeat(3, axis=1)
-BLACK = 0.002  # what the projector emits at code 0, a share of full drive
+BLACK = 0.002  # light at code 0, as a share of full drive
 MIXED = np.array([[0.88, 0.12, 0], [0.06, 0.88, 0.06], [0, 0.12, 0.88]])
 
 
 class OddEye(SimulatedEye):
-    """Looks at a projector that makes any light of its codes; each channel sees a mixture of the primaries."""
+    """Sees a projector with any function from codes to light. Each camera channel sees a mixture of the primaries."""
 
     def __init__(self, room: SimulatedRoom, settings: CameraSettings, light: Light, mixing: FloatArray) -> None:
         self.screen = MemoryScreen(PROJECTOR)
@@ -52,7 +52,7 @@ def acquired(
     rng: np.random.Generator, light: Light, *, mixing: FloatArray | None = None, settings: CameraSettings = NOISY,
     transport: Transport | None = None, given: Response | None = None,
 ) -> Acquisition:  # fmt: skip
-    """A wall under a projector, acquired with noise; its brightest pixel is at 70 % of full scale."""
+    """Return a noisy acquisition of a wall whose brightest pixel is at 70 % of full scale."""
     room = room_of(transport or sharp_wall(rng))
     eye = OddEye(room, settings, light, np.eye(3) if mixing is None else mixing)
     time = 0.7 / float(eye.radiance(np.full((*PROJECTOR, 3), 255, np.uint8)).max())
@@ -74,26 +74,27 @@ def srgb(codes: FloatArray) -> FloatArray:
 
 
 def lcd(codes: FloatArray) -> FloatArray:
-    """S-shaped, each channel another one."""
+    """Return S-shaped curves, one per channel."""
     steep, middle = np.array([6.0, 7.0, 9.0]), np.array([0.55, 0.6, 0.5])
     low, high, here = (1 / (1 + np.exp(-steep * (code - middle))) for code in (0.0, 1.0, codes))
     return np.asarray((here - low) / (high - low))
 
 
 def of_limited_range(codes: FloatArray) -> FloatArray:
-    """A cable that carries 16 to 235."""
+    """Return the drive through a cable that carries codes 16 to 235."""
     return np.asarray(np.clip((255 * codes - 16) / 219, 0, 1) ** 2.2)
 
 
 @pytest.mark.parametrize(
     ("light", "atol"),
     [
-        # Noise of a reading is 0.05 % of white and has five sigmas; beyond that, what 17 levels do not show:
+        # The noise of a reading is 0.05 % of white, with five sigmas. The larger bounds cover what lies between 17
+        # levels:
         (gammas(2.1, 2.2, 2.35), 0.003),
         (gammas(1.0, 1.8, 2.8), 0.003),
         (srgb, 0.003),
         (lcd, 0.005),
-        (of_limited_range, 0.015),  # its corner at code 235 lies between two levels
+        (of_limited_range, 0.015),  # the corner at code 235 lies between two levels
     ],
 )
 @pytest.mark.parametrize("mixing", [np.eye(3), MIXED], ids=["separate", "mixed"])
@@ -115,14 +116,14 @@ def test_the_primaries_are_what_the_camera_sees_of_each(rng: np.random.Generator
     assert done.light is not None
     whole = wall.composition()
     for primary, found in enumerate(done.light.primaries.reshape(3, -1, 3)):
-        sigma = done.room.rise_noise + done.room.noise.sigma(whole) / 4  # sixteen captures
+        sigma = done.room.rise_noise + done.room.noise.sigma(whole) / 4  # mean of sixteen captures
         np.testing.assert_array_less(
             np.abs(found - (1 - BLACK) * whole * MIXED[:, primary]), 6 * sigma[:, None].max() + 0 * found
         )
 
 
 def test_noise_does_not_break_the_rise(rng: np.random.Generator) -> None:
-    """Sixty electrons: dark levels are lost in noise, and the table rises strictly (Response refuses others)."""
+    """With sixty electrons, dark levels are lost in noise. The table still rises strictly, as Response demands."""
     done = acquired(rng, gammas(2.1, 2.2, 2.35), settings=CameraSettings(Sensor(60, 2, 8)))
     assert done.light is not None
     error = done.light.response.to_linear(GREY) - gammas(2.1, 2.2, 2.35)(GREY)
@@ -131,19 +132,19 @@ def test_noise_does_not_break_the_rise(rng: np.random.Generator) -> None:
 
 
 def dimmed(codes: FloatArray) -> FloatArray:
-    """Dynamic contrast: a dark picture closes the iris."""
+    """Model dynamic contrast: a dark picture closes the iris."""
     return np.asarray(srgb(codes) * (0.5 + 0.5 * codes.mean()))
 
 
 def with_white_segment(codes: FloatArray) -> FloatArray:
-    """A warm one: s = (0.5, 0.4, 0.3) m², m the darkest primary; full white is 1."""
+    """Model a warm white segment: s = (0.5, 0.4, 0.3) m², m the darkest primary. Full white is 1."""
     light = srgb(codes)
     return np.asarray((light + np.array([0.5, 0.4, 0.3]) * light.min(axis=1, keepdims=True) ** 2) / 1.5)
 
 
 @pytest.mark.parametrize("mixing", [np.eye(3), MIXED], ids=["separate", "mixed"])
 def test_a_white_segment_is_measured_and_taken_out(rng: np.random.Generator, mixing: FloatArray) -> None:
-    """T is then of red, green and blue alone, and codes of any light up to theirs give that light."""
+    """T then describes only red, green and blue. Codes for any light within their range give that light."""
     wall = sharp_wall(rng)
     done = acquired(rng, with_white_segment, mixing=mixing, transport=wall)
     assert done.light is not None
@@ -155,7 +156,7 @@ def test_a_white_segment_is_measured_and_taken_out(rng: np.random.Generator, mix
     drive = rng.random((16, 64, 3))
     codes = encoded_drive(drive, response.over(drive.shape[:2]))
     shown = 1.5 * with_white_segment(codes.reshape(-1, 3) / 255).reshape(drive.shape)
-    assert np.abs(shown - drive).mean() < 0.004  # half a code is 0.2 % of white, and as much as s is known to
+    assert np.abs(shown - drive).mean() < 0.004  # half a code is 0.2 % of white, and s is known equally well
     assert np.abs(shown - drive).max() < 0.02
 
 
@@ -171,7 +172,7 @@ def test_light_that_does_not_add_up_is_told_with_what_to_switch_off(rng: np.rand
 
 
 def uneven(codes: FloatArray) -> FloatArray:
-    """A response that is another one on each side of the raster, as an LCD has it across its viewing angles."""
+    """Model an LCD whose response differs between the two sides of the raster because of the viewing angle."""
     across = np.tile(np.linspace(1.4, 3.2, PROJECTOR[1]), PROJECTOR[0])
     return np.asarray(codes ** (across[:, None] if len(codes) == across.size else 2.2))
 
@@ -200,7 +201,7 @@ def test_a_given_response_counts_and_is_compared(rng: np.random.Generator) -> No
 
 
 def test_a_primary_that_is_not_seen_has_the_curve_of_grey(rng: np.random.Generator) -> None:
-    """A camera behind a red filter, or a laser that is off: nothing tells blue's response, and nothing is refused."""
+    """With a red filter on the camera, or a laser that is off, blue cannot be measured. Acquisition continues."""
     T = list(channels(sharp_wall(rng).near))
     T[2] = T[2] * 0
     done = acquired(rng, gammas(2.2, 2.2, 2.2), transport=Transport.from_matrices(T))
@@ -243,7 +244,7 @@ def test_the_room_has_what_was_measured(
 def acquired_by_an_older_version(
     its_format: int, folder: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> list[str]:
-    """Returns the words of the command."""
+    """Prepare an acquisition of an older version, and return the words of the command."""
     write_blurred_room(folder / "room", rng, CAMERA, PROJECTOR)
     words = arguments(folder / "room", folder / "out")
     with monkeypatch.context() as patch:

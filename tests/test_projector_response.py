@@ -1,4 +1,4 @@
-"""A projector's response: curves that are known, a projector that was measured, photographs that are predicted."""
+"""A projector's response: known curves, a measured projector, predicted photographs."""
 
 import json
 import re
@@ -33,9 +33,10 @@ GREY = Response("linear")
 
 
 def level_means(codes: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Levels, mean light (levels, 1) and counts of pixels whose code and light are known, for `fit_projector_response`.
+    """Return the arguments of `fit_projector_response`: levels, mean light (levels, 1) and counts.
 
-    codes : (pixels,), what the projector showed there.  light : (pixels,), relative to the pixel's own white.
+    codes : (pixels,). Code that the projector showed.
+    light : (pixels,). Light relative to the pixel's own white.
     """
     counts = np.bincount(codes, minlength=256)
     shown = np.flatnonzero(counts)
@@ -44,7 +45,7 @@ def level_means(codes: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def curve_of(response: Response, codes: np.ndarray) -> np.ndarray:
-    """(codes, 3)."""
+    """Return a curve's light, (codes, 3)."""
     return response.to_linear(codes[:, None].repeat(3, axis=1))
 
 
@@ -59,7 +60,7 @@ def test_a_known_curve_comes_back(name: str) -> None:
     assert fitted.black_level == pytest.approx(black / white)
     assert fitted.pooled < 1e-12
     codes = np.linspace(0, 1, 256)
-    # Cubics through every fifth level; sRGB's bend in its darkest thirtieth is the hardest.
+    # Cubics through every fifth level. The bend of sRGB in the darkest thirtieth is the hardest part.
     np.testing.assert_allclose(curve_of(fitted.response, codes), curve_of(CURVES[name], codes), atol=1e-3)
 
 
@@ -70,7 +71,7 @@ def test_noise_is_pooled_and_repeats_are_averaged(rng: np.random.Generator) -> N
     fitted = fit_projector_response(np.tile(LEVELS, 4)[order], noisy[order])
     table = np.array(fitted.response.table)
     assert np.diff(table, axis=0).min() > 0
-    assert 0 < fitted.pooled < 0.01  # a third of a per cent, halved by four repeats, differences of two
+    assert 0 < fitted.pooled < 0.01  # a third of a percent, halved by four repeats; differences of two readings
     codes = np.linspace(0, 1, 256)
     np.testing.assert_allclose(table, curve_of(CURVES["srgb"], codes), atol=0.008)  # five standard deviations
 
@@ -111,12 +112,12 @@ def test_the_command_fits_a_table(tmp_path: Path) -> None:
     assert read_toml(output, "")["black_level"] == pytest.approx([0.01, 0.005, 0.02])
     codes = np.linspace(0, 1, 256)
     found = curve_of(named_response(str(output)), codes)
-    np.testing.assert_allclose(found, curve_of(CURVES["film"], codes), atol=1e-4)  # cubics of a smooth curve
+    np.testing.assert_allclose(found, curve_of(CURVES["film"], codes), atol=1e-4)  # cubics approximate a smooth curve
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr"])
 def test_the_command_fits_pictures(tmp_path: Path, suffix: str) -> None:
-    """The projector lights the middle of the view; the camera encodes as sRGB, or its brackets were merged."""
+    """The projector lights the middle of the view. The camera encodes as sRGB, or its brackets were merged."""
     folder = tmp_path / "ramp"
     folder.mkdir()
     for level in range(0, 256, 15):
@@ -186,7 +187,7 @@ def test_folders_that_show_no_ramp(
 
 
 def test_a_measured_projector_is_linearised(shared_data: Path, tmp_path: Path) -> None:
-    """A real DLP projector: fitted to every second level, inverted as the player does, the others answer linearly."""
+    """The response of a DLP projector is fitted to every second level. Inverted, it linearises the other levels."""
     folder = shared_data / "projector-response-scannersim"
     if not folder.is_dir():
         pytest.skip("no shared data beside this checkout")
@@ -200,15 +201,15 @@ def test_a_measured_projector_is_linearised(shared_data: Path, tmp_path: Path) -
     relative = (readings - readings[0]) / (readings[-1] - readings[0])
     error = np.abs(curve_of(response, levels / 255) - relative)
     assert np.percentile(error, 95) < 0.005
-    assert error.max() < 0.02  # the curve has a step at level 215, where no reading was left to show it
+    assert error.max() < 0.02  # the curve has a step at level 215, and no remaining reading shows it
     light = np.linspace(0, 1, 200)[None, :, None].repeat(3, axis=2)
     codes = encode(light, response.inverse_table())[0].astype(np.float64)
     shown = np.stack([np.interp(codes[:, i], levels, relative[:, i]) for i in range(3)], axis=1)
-    assert np.abs(shown - light[0]).max() < 0.02  # the same, and half a code
+    assert np.abs(shown - light[0]).max() < 0.02  # as above, plus half a code
 
 
 def test_scenes_and_fitted_responses_read_each_other(tmp_path: Path) -> None:
-    """What fit-response writes is a scene's response, and a scene's, or a room's, is one for --response."""
+    """A scene accepts the output of fit-response, and --response accepts the response of a scene or a room."""
     readings = readings_of(CURVES["film"], np.zeros(3), np.array([100.0, 200.0, 50.0]))
     table = write_table(tmp_path / "ramp.csv", LEVELS * 255, readings)
     fitted = tmp_path / "projector.toml"
@@ -235,7 +236,7 @@ SINES = [(axis, phase) for axis in "xy" for phase in range(3)]
 
 
 def sine(axis: str, phase: int) -> np.ndarray:
-    """What was projected, (1080, 1920) uint8, by the formula in the data's README."""
+    """Return the projected picture, (1080, 1920) uint8, by the formula in the data's README."""
     rows, columns = np.mgrid[:1080, :1920]
     angle = 2 * np.pi * (columns if axis == "x" else rows) / 240 + (phase - 1) * 2 * np.pi / 3
     value = 255 * (0.5 * (np.cos(angle) + 1)) ** (1 / 0.75)
@@ -243,7 +244,7 @@ def sine(axis: str, phase: int) -> np.ndarray:
 
 
 def relative_readings(folder: Path, decoded: Decoded, trusted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Code and light relative to white, of the trusted pixels of the three pictures along x."""
+    """Return code and light relative to white, of the trusted pixels in the three pictures along x."""
     black, white = decoded.black[..., 0][trusted], decoded.white[..., 0][trusted]
     codes, light = [], []
     for phase in range(3):
@@ -254,7 +255,10 @@ def relative_readings(folder: Path, decoded: Decoded, trusted: np.ndarray) -> tu
 
 
 def test_photographs_are_predicted_from_response_and_transport(shared_data: Path, tmp_path: Path) -> None:
-    """T from Gray code, the response from the pictures along x; those along y were never seen by either."""
+    """T comes from Gray code, the response from pictures along x.
+
+    The predicted pictures, along y, were used for neither.
+    """
     folder = shared_data / "projector-response-kamino"
     if not folder.is_dir():
         pytest.skip("no shared data beside this checkout")

@@ -1,4 +1,4 @@
-"""Projectors by the network, and the hours that a show plays in: a server that follows PJLink's specification."""
+"""Projectors on the network, and a show's hours, with a server that follows the PJLink specification."""
 
 import socket
 import time
@@ -38,10 +38,10 @@ def test_a_projector_is_asked_and_switched(password: str) -> None:
 
 
 def test_the_digest_is_that_of_the_specification() -> None:
-    """PJLink 1.04, 5.2: of 498e4a67 and JBMIAProjectorLink."""
+    """The example of PJLink 1.04, section 5.2: 498e4a67 and JBMIAProjectorLink."""
     with projector() as lamp:
         lamp.greeting = "PJLINK 1 498e4a67"
-        with pytest.raises(InputError):  # this one does not know the digest
+        with pytest.raises(InputError):  # this projector does not know the digest
             status_of(of(lamp, "JBMIAProjectorLink"))
         assert lamp.lines == ["5d8409bc1c3fa39749434aa3a5c38682%1POWR ?"]
 
@@ -113,7 +113,7 @@ def test_the_verb_switches_all_that_it_is_given(tmp_path: Path) -> None:
 
 
 def at(text: str) -> datetime:
-    """Of November 2026, whose 23rd is a Monday."""
+    """Return a time in November 2026. The 23rd is a Monday."""
     return datetime.strptime(f"2026-11-{text}", "%Y-%m-%d %H:%M:%S")
 
 
@@ -170,7 +170,7 @@ def until(condition: object, what: str) -> None:
 def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """On before the show, although one warms up slowly and another is not there; off behind it; by hand in between."""
+    """The keeper switches on before the show and off afterwards, but not in between. One is slow, one absent."""
     monkeypatch.setattr(hours, "AGAIN_S", 0.02)
     now = [at("23 09:00:00")]
     with projector(slow=3, erst="000010") as slow, projector(power=ON) as lit:
@@ -181,7 +181,7 @@ def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
         now[0] = at("23 09:58:30")
         until(lambda: slow.power == lit.power == ON, "on for the show")
         until(lambda: slow.count("POWR 1") == lit.count("POWR 1") == 1, "told once")
-        lit.power = OFF  # by hand
+        lit.power = OFF  # switched off by hand
         now[0] = at("23 12:00:00")
         looks = lit.count("POWR ?")
         until(lambda: lit.count("POWR ?") > looks, "looked at again")
@@ -193,11 +193,11 @@ def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
             thread.join(PATIENCE_S)
     told = capfd.readouterr().err
     assert f"projector 127.0.0.1:{slow.port}: off, 1234 h of lamp, filter: warning" in told
-    assert told.count("Connection refused") == 1  # and not once a look
+    assert told.count("Connection refused") == 1  # reported once, not at every poll
 
 
 def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Off before the show, which was obeyed; on for it, which somebody else sees done; off behind it, once more."""
+    """The projector obeys off and then on. The test completes the warm-up by hand, and the keeper switches off."""
     monkeypatch.setattr(hours, "AGAIN_S", 0.2)
     now = [at("23 09:00:00")]
     with projector(slow=10**6) as lamp:
@@ -212,7 +212,7 @@ def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypat
 
 
 def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One warms up slowly, one asks for a password that is wrong; one is switched alone, then all."""
+    """One projector warms up slowly, and one refuses the password. One is switched alone, then all."""
     monkeypatch.setattr(lamps, "AGAIN_S", 0.02)
     with projector(slow=3, erst="000010") as slow, projector(password="right") as locked, projector() as other:
         asked = Lamps([of(slow), of(locked, "wrong"), of(other)])
@@ -226,7 +226,7 @@ def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.Monk
         until(lambda: other.power == ON, "all")
         asked.switch(None, on=False)
         until(lambda: asked.told()[0]["power"] == asked.told()[2]["power"] == "off", "all off")
-        told = asked.told()  # before the projectors go, whom somebody may just be asking
+        told = asked.told()  # before the projectors close, because a question may be under way
         asked.close()
     assert told[0] == {
         "address": f"127.0.0.1:{slow.port}",
@@ -269,7 +269,7 @@ def test_a_schedule_is_read(tmp_path: Path) -> None:
     assert found.plays(at("24 00:59:59"))
     assert not found.plays(at("23 20:00:29"))
     (tmp_path / "hours.toml").write_text('format = 1\n[[projectors]]\naddress = "10.0.0.21"\n')
-    assert read_schedule(tmp_path / "hours.toml").plays(at("23 20:00:29"))  # no hours: always
+    assert read_schedule(tmp_path / "hours.toml").plays(at("23 20:00:29"))  # no hours: the show always plays
 
 
 @pytest.mark.parametrize(

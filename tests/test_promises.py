@@ -1,4 +1,4 @@
-"""Budgets and promises: in a session whose surroundings are stand-ins, and as a user plays a room into a file."""
+"""Time budgets and quality promises, in a session with stand-ins and when a user plays a room into a file."""
 
 import json
 import time
@@ -24,7 +24,7 @@ def test_a_promise_is_kept_by_the_estimates_and_told_on_the_page() -> None:
     stage = Stage(Reader(count=10_000), usual=2)
     stage.below = lambda steps: 4 / (1 + steps) ** 2
     stage.advance(0.2)
-    assert stage.screen.snapshots == 0  # nobody wants to know
+    assert stage.screen.snapshots == 0  # no client asks
     stage.commands.set("within", 0.05)
     until(stage, lambda: stage.below(stage.screen.steps[-1]) <= 0.05)
     assert stage.commands.get("refine") == "auto"
@@ -51,7 +51,7 @@ def test_a_remote_that_asks_where_a_picture_stands_is_told_when_it_is_known() ->
     assert stage.commands.get("step-ms") == pytest.approx(2)
     assert stage.commands.get("doubling")["ms"] == pytest.approx(6)
     assert stage.commands.get("stage-ms").keys() >= {"decode", "gpu", "present"}
-    stage.advance(20.0, step=0.1)  # nobody has asked since
+    stage.advance(20.0, step=0.1)  # no client has asked for 20 s
     count = stage.screen.snapshots
     stage.advance(5.0, step=0.1)
     assert stage.screen.snapshots == count
@@ -63,7 +63,7 @@ def test_a_still_is_drawn_again_until_its_promise_is_kept_and_then_stays() -> No
     until(stage, lambda: stage.below(stage.screen.steps[-1]) <= 0.05)
     drawn = len(stage.screen.steps)
     stage.advance(3.0, step=0.1)
-    assert len(stage.screen.steps) <= drawn + 2  # fewer steps may do
+    assert len(stage.screen.steps) <= drawn + 2  # fewer steps may suffice
     assert stage.below(stage.screen.steps[-1]) <= 0.05
 
 
@@ -77,7 +77,7 @@ def test_maps_without_refinement_take_no_budget() -> None:
 
 
 def until(stage: Stage, reached: Callable[[], bool]) -> None:
-    """Play until something is so; estimates come from a thread."""
+    """Play until a condition holds. Estimates come from a thread."""
     for _ in range(2000):
         stage.advance(0.04, step=0.04)
         if reached():
@@ -118,7 +118,8 @@ def test_a_picture_in_a_file_is_as_near_to_the_best_one_as_was_promised(
     drive = exr.read_rgb(out).reshape(-1, 3).astype(float)
     least, error = (objective.certificate(each, b).squared_error.sum() for each in (best, drive))
     facts = json.loads(stats.read_text())["refinement"]
-    assert 10 * np.log10(error / least) <= 1.1 * within  # the estimate is within a few percent (test_survey.py)
+    # the estimate is within a few percent of the truth (test_survey.py)
+    assert 10 * np.log10(error / least) <= 1.1 * within
     assert facts["below_optimum_db"] <= facts["worst_below_optimum_db"] <= within
     assert 0 <= facts["steps"] < 256
 

@@ -1,4 +1,4 @@
-"""What python -m tests.prose draws from."""
+"""The texts that python -m tests.prose draws from."""
 
 from pathlib import Path
 

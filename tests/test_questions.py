@@ -1,4 +1,4 @@
-"""Questions about one's own room: coarser devices recomputed, answers with known ends, verdicts of made-up rows."""
+"""The study's questions about a room: coarser devices recomputed, answers with known ends, verdicts of made-up rows."""
 
 import re
 from dataclasses import replace
@@ -40,7 +40,7 @@ def blurred_place(folder: Path, camera: tuple[int, int], projector: tuple[int, i
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
-    """A wall a little out of focus, with far light."""
+    """Return a wall slightly out of focus, with far light."""
     return blurred_place(tmp_path_factory.mktemp("questions") / "blurred", CAMERA, PROJECTOR, CELLS)
 
 
@@ -88,7 +88,7 @@ def test_coarser_devices_see_means_and_light_all_that_they_stand_for(place: Plac
     assert T.far is not None
     drive = rng.random((shown.coarse[0] * shown.coarse[1], 3))
     whole = place.transport.apply(shown.spread(drive)).reshape(*CAMERA, 3)
-    # float32 sums of up to 36 entries, and means of them
+    # float32 sums of up to 36 entries, and their means
     np.testing.assert_allclose(T.apply(drive), seen.mean(whole).reshape(-1, 3), rtol=1e-5)
 
 
@@ -105,7 +105,7 @@ def test_a_large_room_is_asked_as_a_small_one(place: Place) -> None:
 
 def test_the_whole_room_loses_nothing_and_less_of_it_more(place: Place) -> None:
     answers = {answer.setting: answer for answer in coarser.sizes(place).answers}
-    assert answers["camera whole, projector whole"].below < 0.02  # what priors cost
+    assert answers["camera whole, projector whole"].below < 0.02  # the cost of priors
     assert answers["camera whole, projector half"].below > 0.1
     assert "camera whole, projector a quarter" not in answers  # fewer than 8 pixels would be left
 
@@ -115,7 +115,7 @@ def test_what_has_not_moved_costs_nothing_and_a_pixel_is_a_pixel(place: Place) -
     usual = {
         answer.cost: answer.below for answer in question.answers if answer.series == f"--drift {DEFAULT_AIMS.drift:g}"
     }
-    assert usual[0.0] == pytest.approx(0, abs=0.02)  # what priors cost; both solved to 0.004 dB
+    assert usual[0.0] == pytest.approx(0, abs=0.02)  # the cost of priors; both are solved to 0.004 dB
     assert sorted(usual.values()) == list(usual.values())
     ready = {answer.cost: answer.below for answer in question.answers if answer.series == "--drift 0.5"}
     assert ready[0.0] > usual[0.0]
@@ -129,10 +129,10 @@ def test_frames_of_film_go_on_from_the_one_before(place: Place) -> None:
     question = moving.film(place)
     below = {(answer.series, answer.cost): answer.below for answer in question.answers}
     for begin in ("T⁺", "direct mapping"):
-        for steps in moving.STEPS:  # what is carried helps, or is lost in float32 where nothing is left to gain
+        for steps in moving.STEPS:  # carried momentum helps, or disappears in float32 where nothing is left to gain
             assert below[f"film, from {begin}", steps] <= below[f"stills, from {begin}", steps] + 0.005
         assert below[f"film, from {begin}", 1] < 0.9 * below[f"stills, from {begin}", 1]
-        assert below[f"film, from {begin}", 16] < 0.03  # what priors cost
+        assert below[f"film, from {begin}", 16] < 0.03  # the cost of priors
     assert question.verdict.startswith("Within 0.1 dB of the best from T⁺, film after ")
 
 
@@ -148,7 +148,7 @@ def test_more_shots_come_closer_to_the_rooms_own_transport(tmp_path: Path, monke
     monkeypatch.setattr(acquiring, "WAYS", ways)
     question = acquiring.pictures(place)
     gray, one, more = question.answers
-    assert gray.below > one.below > more.below  # one place a pixel; noise; half of it
+    assert gray.below > one.below > more.below  # one place per pixel; noise; half of the noise
     assert more.below < 0.1
     assert (one.cost or 0) < (more.cost or 0)
     assert question.verdict.endswith("dB of what the true T gives.")
@@ -169,7 +169,7 @@ def test_more_pictures_first_come_closer_and_are_an_answer(place: Place, monkeyp
 
 @pytest.mark.parametrize("factor", [1, 2])
 def test_projectors_are_acquired_one_by_one(tmp_path: Path, factor: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one raster, camera pixels would see two places in it, and codes tell neither."""
+    """Lit together as one raster, camera pixels see two places at once, and the codes identify neither."""
     one, other = (blurred_place(tmp_path / name, (24, 28), (22, 25), 0) for name in ("one", "other"))
     both = joined([one.calibration, other.calibration], [one.transport, other.transport], ["one", "other"])
     place = Place(*made_coarser(*both, factor, factor), one.pictures, "independent")
@@ -233,7 +233,7 @@ def test_the_verdict_names_the_cheapest_that_is_good_enough() -> None:
 
 
 def test_the_verdict_is_of_the_room_at_its_own_size() -> None:
-    """The best that a room can show is read off its methods' figures, not off the small copy that is asked the rest."""
+    """The best reachable figure comes from the methods' results in the full-size room, not from the small copy."""
     rows = [
         replace(ROW, family=family, picture=picture, psnr_db=db, below_optimum_db=best - db)
         for picture, best in (("photograph", 48.0), ("text", 34.7))

@@ -1,4 +1,4 @@
-"""Where a moved picture's border lies: what of the light there T still knows, and what is asked for it."""
+"""The border of a moved picture: the light that T still describes there, and the target for it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +25,7 @@ from counterlight.tools.transport.transport import Transport
 from tests.drifted_rooms import moved_by, shifted_boxes
 from tests.rooms import write_blurred_room, yuv_frame
 
-CAMERA, PROJECTOR, BEYOND = (24, 30), (12, 15), 4  # pixels that the room has on each side of the calibrated raster
+CAMERA, PROJECTOR, BEYOND = (24, 30), (12, 15), 4  # BEYOND: projector pixels on each side of the calibrated raster
 BLUR = 0.7  # σ of a footprint, projector pixels
 SHIFT = 0.8, 0.6
 REGIONS = (Region(0, 0, PROJECTOR[1], PROJECTOR[0]),)
@@ -33,7 +33,7 @@ QUIET = Noise(np.full(3, 1e-6), np.full(3, 1e-9))
 
 
 def axis(camera: int, projector: int) -> FloatArray:
-    """(camera, projector + 2 BEYOND): a Gaussian's shares of pixels; the camera sees a pixel more on both sides."""
+    """Return (camera, projector + 2 BEYOND): a Gaussian's share per pixel. The camera sees one pixel more per side."""
     u = -1 + (np.arange(camera)[:, None] + 0.5) * (projector + 2) / camera
     edges = np.arange(-BEYOND, projector + BEYOND + 1)
     return np.diff(special.ndtr((edges - u) / BLUR), axis=1)
@@ -41,13 +41,13 @@ def axis(camera: int, projector: int) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def unbounded() -> FloatArray:
-    """T of a raster that goes on: (camera pixels, larger raster's pixels)."""
+    """Return T of a larger raster that continues on all sides: (camera pixels, larger raster's pixels)."""
     paint = np.random.default_rng(7).uniform(0.4, 1, (CAMERA[0] * CAMERA[1], 1))
     return np.asarray(paint * np.kron(axis(CAMERA[0], PROJECTOR[0]), axis(CAMERA[1], PROJECTOR[1])))
 
 
 def columns() -> np.ndarray:
-    """Which of the larger raster's pixels are the calibrated one's."""
+    """Return the indices of the calibrated raster's pixels in the larger raster."""
     larger = np.zeros([n + 2 * BEYOND for n in PROJECTOR], bool)
     larger[BEYOND:-BEYOND, BEYOND:-BEYOND] = True
     return np.flatnonzero(larger)
@@ -65,7 +65,7 @@ def calibrated(unbounded: FloatArray) -> tuple[Calibration, Transport]:
 
 
 def now(unbounded: FloatArray) -> FloatArray:
-    """T' of the picture that has moved: boxes of light over boxes."""
+    """Return T' of the moved picture, by exact overlaps of pixel boxes."""
     larger = shifted_boxes((PROJECTOR[0] + 2 * BEYOND, PROJECTOR[1] + 2 * BEYOND), SHIFT)
     return np.asarray(unbounded @ larger.toarray()[:, columns()])
 
@@ -85,17 +85,17 @@ def test_shares_are_of_the_side_that_has_moved_outwards(
     from_raster = unbounded[:, columns()].sum(axis=1)
     told = share.ravel() < 1
     np.testing.assert_allclose(share.ravel()[told], np.maximum(from_raster / flood, 0.05)[told], rtol=1e-5)  # float32
-    assert (share[6:-9, -3] < 0.9).all()  # a pixel beside the raster
+    assert (share[6:-9, -3] < 0.9).all()  # pixels next to the raster
     assert (share[:-9, : -CAMERA[1] // 3] == 1).all()
 
 
 def test_a_picture_that_is_where_it_was_has_all_of_its_light(
     unbounded: FloatArray, calibrated: tuple[Calibration, Transport], rng: np.random.Generator
 ) -> None:
-    """Whatever noise says: five deviations of a few hundred pixels."""
+    """A picture that has not moved keeps its full share, despite noise of five deviations over a few hundred pixels."""
     noise = Noise(np.full(3, 1e-3), np.full(3, 4e-4))
     flood = unbounded[:, columns()].sum(axis=1)
-    sigma = np.sqrt(noise.dark[0] ** 2 + noise.gain[0] * flood) / 2  # of four captures
+    sigma = np.sqrt(noise.dark[0] ** 2 + noise.gain[0] * flood) / 2  # mean of four captures
     assert looked(calibrated, flood + sigma * rng.standard_normal(flood.size), noise).share([np.ones(3)]) is None
     assert looked(calibrated, 0.8 * flood).share([np.full(3, 0.8)]) is None
 
@@ -103,7 +103,10 @@ def test_a_picture_that_is_where_it_was_has_all_of_its_light(
 def test_asked_for_its_share_the_border_arrives_as_it_would_have(
     unbounded: FloatArray, calibrated: tuple[Calibration, Transport]
 ) -> None:
-    """Against the light of a raster that goes on, where the picture moved to; without shares it is too bright there."""
+    """The reference is the light of a continuing raster at the moved position.
+
+    Without shares, the border is too bright.
+    """
     room, transport = calibrated
     T = now(unbounded)
     v, u = np.mgrid[: PROJECTOR[0] + 2 * BEYOND, : PROJECTOR[1] + 2 * BEYOND]
@@ -119,7 +122,7 @@ def test_asked_for_its_share_the_border_arrives_as_it_would_have(
         error = (T @ shown.ravel() - wanted).reshape(CAMERA)
         errors.append(float(np.abs(error[5:-5, -9:-3]).max()))
     assert errors[0] > 0.012
-    assert errors[1] < 0.6 * errors[0]  # 0.43: what is left is the mirror's
+    assert errors[1] < 0.6 * errors[0]  # 0.43: the rest comes from the mirrored border
 
 
 def test_shares_divide_what_is_asked_and_multiply_what_is_seen(rng: np.random.Generator) -> None:
@@ -133,7 +136,7 @@ def test_shares_divide_what_is_asked_and_multiply_what_is_seen(rng: np.random.Ge
 
 
 def test_a_room_is_played_with_its_shares(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Half of what is asked is asked of the drive, T⁺ b while nothing clips, and what is predicted stays the same."""
+    """The drive gets half of the target, T⁺ b while nothing clips. The predicted picture stays the same."""
     write_blurred_room(tmp_path / "room", rng, (11, 17), (7, 13))
     assert build_correction_map.main([str(tmp_path / "room")]) == 0
     room, frame = read_room(tmp_path / "room", 0.01), yuv_frame(rng, (9, 15))

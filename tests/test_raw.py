@@ -1,4 +1,4 @@
-"""Camera RAW: the sensor's values come back as they were, clipping is seen, damage is refused, brackets are merged."""
+"""Camera RAW: sensor values come back unchanged, clipping is seen, damage is refused, brackets are merged."""
 
 import os
 import re
@@ -30,12 +30,12 @@ from tests.rooms import write_blurred_room
 
 BLACK, WHITE = (508, 512, 516, 520), 15872
 SCALE = TOP / (WHITE - np.array(BLACK))
-HALF = 0.5 + 1 / 128  # of a code: rounding, and a float32's of sums up to 2¹⁶
+HALF = 0.5 + 1 / 128  # of a code: rounding, and float32 sums up to 2¹⁶
 
 
 @pytest.fixture
 def mosaic(rng: np.random.Generator) -> np.ndarray:
-    """Light below the white level everywhere, below black here and there; sides that are odd, and unequal."""
+    """Return sensor values below the white level, some below black, with unequal odd sides."""
     return rng.integers(400, WHITE, (37, 51)).astype(np.uint16)
 
 
@@ -54,7 +54,7 @@ def test_no_white_balance_and_no_brightness_of_the_picture_matters(mosaic: np.nd
     plain = decode_raw(dng(mosaic, white=WHITE), "shot.dng")
     assert np.array_equal(plain, decode_raw(dng(mosaic, white=WHITE, neutral=(0.3, 1, 0.9)), "shot.dng"))
     one = mosaic.copy()
-    one[:2, :2] = WHITE  # the picture's brightest, which LibRaw's own scaling may look at
+    one[:2, :2] = WHITE  # the brightest pixel, which LibRaw's own scaling may use
     assert np.array_equal(decode_raw(dng(one, white=WHITE), "shot.dng")[1:], plain[1:])
 
 
@@ -62,7 +62,7 @@ def test_no_white_balance_and_no_brightness_of_the_picture_matters(mosaic: np.nd
 def test_dark_margins_are_left_out_and_colours_stay_in_place(
     mosaic: np.ndarray, area: tuple[int, int, int, int]
 ) -> None:
-    """DNG counts the filter's pattern from the margins' end; LibRaw leaves out one more row where that is odd."""
+    """DNG counts the colour filter's pattern from the end of the margins. LibRaw omits a further row if it is odd."""
     codes = decode_raw(dng(mosaic, black=(512,), white=WHITE, area=area), "shot.dng")
     top, left = (edge + edge % 2 for edge in area[:2])
     assert codes.shape == ((area[2] - top) // 2, (area[3] - left) // 2, 3)
@@ -73,7 +73,7 @@ def test_dark_margins_are_left_out_and_colours_stay_in_place(
 
 
 def mean_of(light: np.ndarray, pattern: np.ndarray, colour: int, cell: int, shape: tuple[int, int]) -> np.ndarray:
-    """A colour's mean in each cell, (height, width), of light that a mosaic of `pattern` sees."""
+    """Return a colour's mean per cell, (height, width), of the light that a mosaic of `pattern` sees."""
     height, width = (side * cell for side in shape)
     period = len(pattern)
     here = np.tile(pattern == colour, (height // period + 1, width // period + 1))[:height, :width]
@@ -96,7 +96,7 @@ def test_other_mosaics(mosaic: np.ndarray) -> None:
 
 
 def test_one_clipped_site_clips_its_colour(mosaic: np.ndarray) -> None:
-    mosaic[0, 1] = WHITE  # one green of two
+    mosaic[0, 1] = WHITE  # one of the two greens
     mosaic[2, 2] = WHITE + 300
     codes = decode_raw(dng(mosaic, black=BLACK, white=WHITE), "shot.dng")
     assert codes[0, 0, 1] == TOP
@@ -142,7 +142,7 @@ def test_damage_is_one_line(
 def test_what_libraw_only_complains_of_is_damage(
     mosaic: np.ndarray, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a compressed picture it writes where it is corrupt, and goes on."""
+    """For a corrupt compressed picture, LibRaw only prints the place and continues."""
 
     class Complaining(rawpy.RawPy):
         def unpack(self) -> None:
@@ -188,7 +188,7 @@ def test_without_its_package_raw_says_what_to_install(
 
 
 def write_bracket(folder: Path, light: np.ndarray, times_s: list[float]) -> list[str]:
-    """DNGs of light (height, width, 3) of which 1 for a second reaches the white level."""
+    """Write DNGs of `light`, (height, width, 3). Light of 1 reaches the white level in one second."""
     paths = [folder / f"shot{i}.dng" for i in range(len(times_s))]
     for path, time_s in zip(paths, times_s, strict=True):
         codes = np.rint(light * time_s * (WHITE - 512) + 512).clip(0, WHITE)
@@ -204,8 +204,8 @@ def test_a_bracket_is_merged_as_linear_with_its_own_times(rng: np.random.Generat
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "44x30, 3 pictures of 0.125 to 2 s, debevec, hat weights, response linear" in ended.stdout
     found = read_rgb(tmp_path / "out.exr")
-    step = 1 / (WHITE - 512) / 0.125  # of the shortest exposure, the brightest light's only one
-    assert np.abs(found - light).max() < 0.51 * step + 1e-3 * light.max()  # and half floats
+    step = 1 / (WHITE - 512) / 0.125  # of the shortest exposure, the only one for the brightest light
+    assert np.abs(found - light).max() < 0.51 * step + 1e-3 * light.max()  # plus half-float rounding
 
 
 def test_a_curve_is_refused_for_what_is_linear(
@@ -226,7 +226,7 @@ def test_a_projectors_ramp_in_raw(tmp_path: Path, capsys: pytest.CaptureFixture[
     out = tmp_path / "fitted" / "projector.toml"
     out.parent.mkdir()
     assert fit_projector_response.main([str(tmp_path), "-o", str(out)]) == 0
-    codes = np.linspace(0, 1, 35)[::2]  # what was shown
+    codes = np.linspace(0, 1, 35)[::2]  # codes that were shown
     found = named_response(str(out)).to_linear(np.repeat(codes[:, None], 3, axis=1))
     assert np.abs(found - codes[:, None] ** 2.2).max() < 1e-3  # 16 384 levels
     assert fit_projector_response.main([str(tmp_path), "--camera-response", "srgb", "-o", str(out)]) == 2
@@ -237,7 +237,7 @@ def test_a_projectors_ramp_in_raw(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def photograph(exchange: Path, eye: SimulatedCamera, exposure_s: float) -> None:
-    """Answer what the command asks for with mosaics, named as cameras do."""
+    """Answer each request of the command with mosaics, named as cameras name files."""
     for path in sorted((exchange / "patterns").glob("*.png")):
         capture = exchange / "captures" / f"{path.stem}.DNG"
         if not capture.exists():
@@ -271,7 +271,7 @@ def test_a_camera_that_exposes_otherwise_is_told(tmp_path: Path) -> None:
         for shot, time_s in enumerate(times_s):
             path = tmp_path / "captures" / f"{number:05}_{shot}.dng"
             path.write_bytes(dng(mosaic_of(light), exposure_s=time_s))
-    assert len(camera.capture(0, picture)) == 2  # half of what was said, both: a factor is nobody's business
+    assert len(camera.capture(0, picture)) == 2  # both have half of the stated exposure; a common factor is harmless
     assert len(camera.capture(1, picture)) == 2  # 1/20 s and 1/16 s are a third of a stop apart
     with pytest.raises(InputError, match=r"00002_0\.dng: exposed 4 times as much as --exposures says"):
         camera.capture(2, picture)
@@ -281,7 +281,7 @@ def test_a_camera_that_exposes_otherwise_is_told(tmp_path: Path) -> None:
 
 
 class Tether:
-    """A camera on a cable that gives one file."""
+    """A tethered camera that delivers one file."""
 
     GP_CAPTURE_IMAGE, GP_FILE_TYPE_NORMAL = 0, 1
     model, folder = "Still", "/store"

@@ -1,4 +1,4 @@
-"""Files from outside: what is no regular file, TOML that costs too much, values that are not what they should be."""
+"""Files from outside: irregular files, TOML that costs too much, values of wrong types or ranges."""
 
 import hashlib
 import os
@@ -63,17 +63,17 @@ def test_no_more_is_read_than_was_asked_for(tmp_path: Path) -> None:
     assert read_bytes(path, 1000, FIX) == b"x" * 1000
     with pytest.raises(InputError, match="more than the 999 bytes"):
         read_bytes(path, 999, FIX)
-    os.truncate(path, 1 << 40)  # a file of holes
+    os.truncate(path, 1 << 40)  # a sparse file
     with pytest.raises(InputError, match="more than the 1048576 bytes"), little_memory():
         read_toml(path, FIX)
-    status = read_bytes(Path("/proc/self/status"), 1 << 20, FIX)  # says that it has 0 bytes
+    status = read_bytes(Path("/proc/self/status"), 1 << 20, FIX)  # reports a size of 0 bytes
     assert status.startswith(b"Name:")
     with pytest.raises(InputError, match="more than the 10 bytes"):
         read_bytes(Path("/proc/self/status"), 10, FIX)
 
 
 def test_what_was_checked_is_what_is_read(tmp_path: Path) -> None:
-    """A file that takes the checked one's place is not read."""
+    """A file that replaces the checked file is not read."""
     path = tmp_path / "data"
     path.write_bytes(b"right")
     described = {"data": {"bytes": 5, "sha256": hashlib.sha256(b"right").hexdigest()}}
@@ -111,7 +111,7 @@ COSTLY = {
 
 @pytest.mark.parametrize("kind", COSTLY)
 def test_toml_that_costs_too_much_is_refused(tmp_path: Path, kind: str) -> None:
-    """Each would take gigabytes, half a minute or Python's stack (1000 headers' parts times 90 000 lines: 13 s)."""
+    """Each text would take gigabytes, half a minute, or Python's stack (headers of 1000 parts, 90 000 lines: 13 s)."""
     text, complaint = COSTLY[kind]
     path = tmp_path / "file.toml"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
@@ -123,7 +123,7 @@ def test_toml_that_costs_too_much_is_refused(tmp_path: Path, kind: str) -> None:
     "text",
     [
         "a = 1.5 # e.g. a . b",
-        'a = "' + "1." * 100 + '"',  # in a string, dots are text
+        'a = "' + "1." * 100 + '"',  # inside a string, dots are text
         "a = '''\n" + "b." * 100 + '\'\'\'\nc = """d\\""""',
         ".".join("a" * MOST_PARTS) + " = 1",
         "a = [" + "0.25, " * 100 + "]",
@@ -137,7 +137,7 @@ def test_toml_of_every_day_is_read(tmp_path: Path, text: str) -> None:
 
 
 def test_what_commands_write_fits(tmp_path: Path) -> None:
-    """The longest: eight projectors, a measured response of 256 rows for each."""
+    """The longest file describes eight projectors, each with a measured response of 256 rows."""
     rows = [[i / 255 * (1 - 1e-9 * c) for c in range(3)] for i in range(256)]
     text = tomli_w.dumps({"projectors": [{"width": 1920, "height": 1080, "response": rows}] * 8})
     assert len(text) < MAX_TOML_BYTES / 4

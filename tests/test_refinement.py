@@ -34,7 +34,7 @@ from tests.rooms import CAMERA, rgb_frame, write_blurred_room
 
 
 def desired(rng: np.random.Generator) -> Frame:
-    """Letters as bright as the room gets: the optimum has pixels at both bounds and between."""
+    """Return letters as bright as the room can show. The optimum has pixels at both bounds and between them."""
     return radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
 
 
@@ -49,28 +49,28 @@ def refined(room: PhysicalRoom, frame: Frame, steps: int, start: str = "map") ->
 
 
 def light(room: PhysicalRoom, frame: Frame) -> np.ndarray:
-    """b = c − e, within what each pixel can have."""
+    """Return b = c − e, limited to what each pixel can show."""
     return np.asarray(np.clip(asked(room, frame), 0, room.dense.sum(axis=2).T))
 
 
 def asked(room: PhysicalRoom, frame: Frame) -> np.ndarray:
-    """c − e."""
+    """Return c − e."""
     picture = np.stack([plane[: CAMERA[0], : CAMERA[1]] for plane in frame.planes], axis=-1)
     return np.asarray((picture.astype(float) - room.room.calibration.ambient).reshape(-1, 3))
 
 
 def unbounded(room: PhysicalRoom) -> PhysicalRoom:
-    """Asked for all that a picture asks, as in chapter 5."""
+    """Return the room without bounds on b, as in chapter 5."""
     return replace(room, room=replace(room.room, maps=replace(room.room.maps, bounded=False)))
 
 
 def squared_errors(room: PhysicalRoom, drive: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """‖T p − b‖² inside the mask, per channel."""
+    """Return ‖T p − b‖² inside the mask, per channel."""
     return np.array([np.sum((room.dense[i] @ drive[:, i] - b[:, i])[room.inside] ** 2) for i in range(3)])
 
 
 def best_errors(room: PhysicalRoom, b: np.ndarray) -> np.ndarray:
-    """The same of the best drive, by scipy's bounded-variable least squares."""
+    """Return the squared error of the best drive, by scipy's bounded-variable least squares."""
     systems = [(room.dense[i][room.inside], b[room.inside, i]) for i in range(3)]
     return np.array([2 * lsq_linear(T, channel, (0, 1), method="bvls", tol=1e-12).cost for T, channel in systems])
 
@@ -123,7 +123,7 @@ def test_many_steps_reach_scipys_bounded_least_squares(
     assert drive.max() == 1
     assert np.all(drive[DARK] == 0)
     np.testing.assert_allclose(squared_errors(room, drive, b), best, rtol=1e-4)  # T in float32, 600 steps
-    assert bounded or certificate.decibels < 0.01  # which is of all that was asked
+    assert bounded or certificate.decibels < 0.01  # the certificate refers to the unlimited target
 
 
 def test_steps_lead_downhill_and_the_certificate_holds_on_the_way(rng: np.random.Generator) -> None:
@@ -139,11 +139,11 @@ def test_steps_lead_downhill_and_the_certificate_holds_on_the_way(rng: np.random
         assert 10 * np.log10(found.sum() / best.sum()) <= certificate.decibels
         errors.append(found.sum())
     assert errors == sorted(errors, reverse=True)
-    assert errors[0] > 1.05 * errors[-1]  # the clamped T⁺ is not the optimum: there was something to gain
+    assert errors[0] > 1.05 * errors[-1]  # the clamped T⁺ is not the optimum, so refinement can improve it
 
 
 def test_the_certificate_of_any_drive_is_a_bound(rng: np.random.Generator) -> None:
-    """E* ≥ Σ (E − G)²/E holds wherever p is, not only near the optimum."""
+    """E* ≥ Σ (E − G)²/E holds for any p, not only near the optimum."""
     T, b = rng.uniform(size=(30, 12)), rng.uniform(0, 4, 30)
     best = 2 * lsq_linear(T, b, (0, 1), method="bvls").cost
     for drive in rng.uniform(size=(200, 12)).round(rng.integers(0, 3)):
@@ -157,7 +157,7 @@ def test_the_certificate_of_any_drive_is_a_bound(rng: np.random.Generator) -> No
 
 
 def test_what_a_map_takes_is_counted_in_steps() -> None:
-    """T and its transpose of one entry a row: a step reads as much as two entries a row of T⁺."""
+    """With one entry per row in T and its transpose, a step reads as much as two entries per row of T⁺."""
     side, pixels = 12, 144
     one = pack_matrices([sparse.eye_array(pixels, format="csr")] * 3, (side, side), (side, side))
     far = FarMaps(one, one, one)
@@ -204,7 +204,7 @@ def test_the_next_frame_goes_on_where_the_last_one_ended(rng: np.random.Generato
     errors = [squared_errors(room, show(first), light(room, first)).sum() for _ in range(4)]
     assert errors == sorted(errors, reverse=True)
     assert errors[3] < errors[0]
-    np.testing.assert_allclose(show(second), refined(room, second, 3)[0], atol=1e-7)  # another scene: nothing is kept
+    np.testing.assert_allclose(show(second), refined(room, second, 3)[0], atol=1e-7)  # a cut: nothing is carried over
 
 
 def test_cuts_are_found_and_motion_is_none(rng: np.random.Generator) -> None:
@@ -227,13 +227,13 @@ def test_a_budget_fills_the_frame_and_keeps_it(base_s: float, step_s: float) -> 
     if base_s > SHARE_OF_FRAME * interval_s:
         assert budget.steps <= 1
     else:
-        assert len(late) <= 10  # one try in a hundred frames
+        assert len(late) <= 10  # one attempt per hundred frames
         assert np.median(times) > (SHARE_OF_FRAME - 0.25) * interval_s - step_s
 
 
 def test_a_budget_gives_what_is_usual_where_there_is_time_and_never_more() -> None:
     budget, counts = StepBudget(0.04, most=8), []
-    for base_s in [0.0] * 20 + [0.02] * 20 + [0.0] * 200:  # other work comes and goes
+    for base_s in [0.0] * 20 + [0.02] * 20 + [0.0] * 200:  # other load comes and goes
         budget.took(base_s + 0.003 * budget.steps)
         counts.append(budget.steps)
     assert set(counts[:20]) == {8}

@@ -1,4 +1,4 @@
-"""Where a picture stands, found again: known homographies on random transport, with noise; a camera's turns."""
+"""Finding a picture's position again: known homographies on random transport, with noise; a camera's rotation."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ CAMERA, PROJECTOR = (60, 84), (48, 64)
 WHOLE = Region(0, 0, 64, 48)
 NOISE = Noise(np.full(3, 5 / 20000), np.full(3, 1 / 20000))  # of 20 000 electrons
 CORNERS = np.array([(0, 0), (64, 0), (64, 48), (0, 48), (32, 24.0)])
-EXACT = 0.02  # pixels: 5000 camera pixels, residuals of a few percent, slopes of 0.1 a pixel: 0.004 a shift
-CORNER = 0.04  # of eight unknowns, where few pixels hold them
+EXACT = 0.02  # pixels: 5000 camera pixels, residuals of a few percent, slopes of 0.1 per pixel: 0.004 for a shift
+CORNER = 0.04  # eight unknowns, which few pixels at the corners constrain
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def find(transport: Transport, seen: np.ndarray) -> Moved:
 
 @pytest.mark.parametrize("shift", [(0, 0), (0.8, 0.6), (-0.5, 0.5), (0.25, 0), (-7.3, 4.4), (11, -9)])
 def test_a_shift_is_found_again(transport: Transport, shift: tuple[float, float]) -> None:
-    """Truth by boxes of light over boxes, which is not how it is looked for."""
+    """Exact overlaps of pixel boxes give the true picture. The search uses another method."""
     arrived = shifted_boxes(PROJECTOR, shift) @ picture().reshape(-1, 3)
     found = find(transport, photographed(transport, arrived))
     np.testing.assert_allclose(found.displacement(CORNERS), np.tile(shift, (5, 1)), atol=EXACT)
@@ -54,7 +54,7 @@ def test_a_shift_is_found_again(transport: Transport, shift: tuple[float, float]
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_homography_is_found_again_and_so_is_the_lamp(transport: Transport, seed: int) -> None:
-    """Corners moved by up to some pixels, all differently."""
+    """The corners move by up to a few pixels, each differently."""
     rng = np.random.default_rng(seed)
     N = np.eye(3)
     N[:2, :2] += rng.uniform(-0.03, 0.03, (2, 2))
@@ -68,7 +68,7 @@ def test_a_homography_is_found_again_and_so_is_the_lamp(transport: Transport, se
 
 
 def test_what_the_data_do_not_hold_is_not_made_up(transport: Transport) -> None:
-    """A camera that sees an eighth of the picture's width, at its left, cannot tell how its right side has turned."""
+    """A camera that sees the left eighth of the picture cannot tell how the right side has turned."""
     few = np.zeros(CAMERA, np.bool_)
     few[:, :10] = True
     arrived = shifted_boxes(PROJECTOR, (0.8, 0.6)) @ picture().reshape(-1, 3)
@@ -83,7 +83,7 @@ def test_a_picture_that_nobody_sees_is_said(transport: Transport) -> None:
 
 
 def test_a_few_camera_pixels_that_see_something_else_change_nothing(transport: Transport) -> None:
-    """A tenth of the view is hidden by somebody."""
+    """A person hides a tenth of the view."""
     arrived = shifted_boxes(PROJECTOR, (0.8, 0.6)) @ picture().reshape(-1, 3)
     seen = photographed(transport, arrived).reshape(*CAMERA, 3)
     seen[20:40, 30:55] = 0.1
@@ -101,7 +101,7 @@ def test_another_picture_is_not_found(transport: Transport) -> None:
 
 @pytest.mark.parametrize("turned", [(0, 0), (0.25, 0), (-0.5, 0.3), (3, -2), (6, 5)])
 def test_a_camera_s_turn_is_found_again(turned: tuple[float, float], rng: np.random.Generator) -> None:
-    paint = 0.3 + 0.6 * ndimage.zoom(rng.uniform(0, 1, (40, 50)), 3, order=1)  # 3 pixels a patch of paint
+    paint = 0.3 + 0.6 * ndimage.zoom(rng.uniform(0, 1, (40, 50)), 3, order=1)  # 3 pixels per patch of paint
     light = np.outer(np.linspace(1, 1.3, 120), np.linspace(1, 0.8, 150))
     x, y = turned
     after = 0.9 * light * ndimage.shift(paint, (-y, -x), order=3, mode="nearest")
@@ -109,7 +109,8 @@ def test_a_camera_s_turn_is_found_again(turned: tuple[float, float], rng: np.ran
     counts[10:-10, 10:-10] = True
     before = light * paint + 1e-3 * rng.standard_normal(paint.shape)
     found = camera_shift(before, after, counts)
-    np.testing.assert_allclose((found.right, found.down), turned, atol=0.03)  # of two interpolations, paint of 3 pixels
+    # error of two interpolations, paint of 3 pixels
+    np.testing.assert_allclose((found.right, found.down), turned, atol=0.03)
     assert found.unsure < 0.01
 
 

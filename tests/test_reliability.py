@@ -1,4 +1,4 @@
-"""What an unattended show rests on: memory and OpenGL objects that do not grow, a decoder that may crash or stop."""
+"""Unattended shows: memory and OpenGL objects do not grow, and the decoder may crash or stop."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from tests.gl_objects import live_objects
 from tests.media import numbered, write_video
 
 WARM_UP, FRAMES = 100, 300
-HELD_S, BACK_S = 1.0, 5.0  # the issue's bounds: the loop that shows pictures goes on, the decoder is back
+HELD_S, BACK_S = 1.0, 5.0  # the bounds of the requirement: longest time of a loop, time until the decoder is back
 PATIENCE_S = 60.0
 
 
@@ -37,7 +37,7 @@ def two_seconds(tmp_path: Path, rng: np.random.Generator) -> Path:
 def test_frames_leave_memory_and_objects_as_they_were(
     gl_context: moderngl.Context, rng: np.random.Generator, tmp_path: Path
 ) -> None:
-    """A frame is so large that one kept from each would be 34 MiB; `make fuzz` draws 25 000 small ones."""
+    """Frames are large: keeping one at each draw would cost 34 MiB. `make fuzz` draws 25 000 small ones."""
     clip = write_video(tmp_path / "clip.mkv", [numbered(n, 240, 320) for n in range(25)])
     with MediaReader.open(clip, loop=True) as reader, drawing(gl_context, reader, rng) as draw:
         for _ in range(WARM_UP):
@@ -52,9 +52,9 @@ def test_frames_leave_memory_and_objects_as_they_were(
 
 @pytest.mark.parametrize("cause", [signal.SIGSEGV, signal.SIGSTOP])
 def test_the_last_frame_is_held_and_the_decoder_comes_back(cause: signal.Signals, two_seconds: Path) -> None:
-    """The bounds are the issue's: no poll takes a second while the decoder is away, and it is back within five.
+    """No poll takes a second while the decoder is away, and the decoder is back within five.
 
-    The reader is polled as a session polls it, and what its decoder had decoded ahead is taken first.
+    The test polls the reader as a session does, and first takes the frames that were already decoded.
     """
     with MediaReader.open(two_seconds, loop=True) as reader:
         held = _next(reader)
@@ -73,7 +73,7 @@ def test_the_last_frame_is_held_and_the_decoder_comes_back(cause: signal.Signals
             time.sleep(0.01)
         back_s = time.monotonic() - struck_at
         for plane, copy in zip(held.planes, kept, strict=True):
-            np.testing.assert_array_equal(plane, copy)  # a frame that was not released stays what it was
+            np.testing.assert_array_equal(plane, copy)  # a frame that is still held stays unchanged
         (notice,) = reader.notices()
     assert "restarted" in notice
     assert [frame.index for frame in frames] == list(range(frames[0].index, frames[0].index + len(frames)))

@@ -24,7 +24,7 @@ ROOM_CAMERA, ROOM_PROJECTOR = (9, 14), (7, 12)
 
 
 def dense(packed: RowMap) -> np.ndarray:
-    """A row map as (3, output pixels, source pixels)."""
+    """Return a row map as (3, output pixels, source pixels)."""
     rows = unpack(packed)
     shape = rows.indptr.size - 1, packed.source_shape[0] * packed.source_shape[1]
     weights = rows.weights.T.astype(float)
@@ -32,7 +32,7 @@ def dense(packed: RowMap) -> np.ndarray:
 
 
 def dense_inverse(room: RoomMaps) -> np.ndarray:
-    """T⁺ = S⁺ (I − U M' D') as (3, projector pixels, camera pixels)."""
+    """Return T⁺ = S⁺ (I − U M' D') as (3, projector pixels, camera pixels)."""
     near = dense(room.correction)
     if room.undo is None:
         return near
@@ -46,7 +46,7 @@ def times(matrix: np.ndarray, picture: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredCalibration, Transport]:
-    """A small room with its correction map."""
+    """Write a small room with its correction map."""
     folder = tmp_path_factory.mktemp("relight") / "wall"
     transport = write_blurred_room(folder, np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
     assert build_correction_map.main([str(folder), "--regularize", "0.05"]) == 0
@@ -54,7 +54,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredCalibration,
 
 
 def far_transport(rng: np.random.Generator) -> Transport:
-    """Near and far light of the sizes CAMERA, PROJECTOR and CELLS."""
+    """Return near and far light of the sizes CAMERA, PROJECTOR and CELLS."""
     camera, projector, cells = (side[0] * side[1] for side in (CAMERA, PROJECTOR, CELLS))
 
     def part(*shape: int) -> tuple[sparse.csr_array, ...]:
@@ -109,7 +109,7 @@ def test_the_white_level_is_positive_whatever_the_picture() -> None:
 
 
 def test_maps_with_far_light_are_random_enough(rng: np.random.Generator) -> None:
-    """The far case above tests something only if the far light changes the answer."""
+    """The test with far light needs far light that changes the answer."""
     room = random_room(rng, far=True).maps
     assert isinstance(room.undo, FarMaps)
     white, plain = np.ones((*CAMERA, 3)), RoomMaps(room.correction, room.transport, None, None, room.white)
@@ -135,7 +135,7 @@ def test_each_view_as_a_command(stored: tuple[StoredCalibration, Transport], tmp
     png = cv2.imread(str(tmp_path / "v.png"))
     linear = np.clip(expected / 0.5, 0, 1).reshape(png.shape)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    np.testing.assert_allclose(png[..., ::-1], 255 * srgb, atol=0.6)  # rounding, and the table that is interpolated
+    np.testing.assert_allclose(png[..., ::-1], 255 * srgb, atol=0.6)  # rounding, and interpolation in the table
     assert sorted(path.name for path in tmp_path.iterdir()) == ["v.png", "view.exr"]
 
 
@@ -156,7 +156,7 @@ def test_a_drive_is_relit_and_ambient_can_be_left_out(
 
 
 def test_a_png_is_decoded_and_fitted(stored: tuple[StoredCalibration, Transport], tmp_path: Path) -> None:
-    """A white picture of another size but the frame's aspect is no picture at all: the floodlit room."""
+    """A white PNG of another size but the same aspect gives the floodlit room."""
     room, transport = stored
     cv2.imwrite(str(tmp_path / "white.png"), np.full((35, 60, 3), 255, np.uint8))
     succeed("relight", room.folder, tmp_path / "white.png", "--no-ambient", "-o", tmp_path / "c.exr")

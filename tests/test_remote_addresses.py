@@ -1,4 +1,4 @@
-"""Where a remote listens, who may name it, and the token: what a network and a folder may say."""
+"""The address of a remote, the names that may reach it, and the token."""
 
 import argparse
 import os
@@ -97,21 +97,21 @@ def test_all_addresses_are_told_as_one_that_others_can_use() -> None:
     ],
 )
 def test_only_numbers_and_own_names_name_this_machine(host: str, here: bool, network: bool) -> None:
-    """A name of a stranger's can be pointed here after its page was loaded."""
+    """A foreign host name can be pointed at this machine after its page was loaded."""
     assert names_this_machine(host, local=True) == here
     assert names_this_machine(host, local=False) == network
 
 
 def test_only_this_page_may_open_a_socket() -> None:
     assert comes_from("http://127.0.0.1:8642", "127.0.0.1:8642")
-    assert comes_from("https://stage.local", "stage.local")  # behind a proxy that encrypts
+    assert comes_from("https://stage.local", "stage.local")  # behind an encrypting proxy
     for origin in ("null", "", "http://evil.example", "http://127.0.0.1", "http://127.0.0.1:8642.evil.example"):
         assert not comes_from(origin, "127.0.0.1:8642")
 
 
 def test_a_phone_reads_the_address_from_a_terminal() -> None:
     address = "http://192.168.1.20:8642/#72kc9HcH86deJ3sKzLmN3A"
-    halves = {" ": (0, 0), "▀": (1, 0), "▄": (0, 1), "█": (1, 1)}  # light, on a dark terminal
+    halves = {" ": (0, 0), "▀": (1, 0), "▄": (0, 1), "█": (1, 1)}  # light blocks on a dark terminal
     lines = [np.array([halves[each] for each in line]).T for line in qr_code(address)]
     picture = np.kron(np.concatenate(lines), np.ones((6, 6))).astype(np.uint8) * 255
     assert cv2.QRCodeDetector().detectAndDecode(np.pad(picture, 24, constant_values=255))[0] == address

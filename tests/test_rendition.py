@@ -1,4 +1,4 @@
-"""HDR and wide primaries on the screen: against colour-science, a spline of scipy, and clips as encoders tag them."""
+"""HDR and wide primaries on the screen, against colour-science, a scipy spline, and clips as encoders tag them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +26,7 @@ X265 = "lossless=1:log-level=none"
 
 
 def colours(rng: np.random.Generator, transfer: str, **more: Any) -> Frame:
-    """Codes of 16 bits, R'G'B' at full range."""
+    """Return 16-bit codes, R'G'B' at full range."""
     shape = 12, 17
     plane = PlaneShape(shape[1], shape[0], shape[1])
     pixels = PixelFormat(17, 12, "rgb", 16, (plane,) * 3, "identity", True, transfer, "center", 0, 1.0, **more)
@@ -43,7 +43,7 @@ def shown(frame: Frame, adjustments: Adjustments = NEUTRAL) -> np.ndarray:
 
 
 def by_colour_science(nits: np.ndarray, target: float, primaries: str = "bt2020") -> np.ndarray:
-    """Light of a display of BT.2020 on a screen of BT.709 whose white is `target`, before anything is fitted in."""
+    """Return the light of a BT.2020 display on a BT.709 screen whose white is `target`, before gamut mapping."""
     spaces = colour.RGB_COLOURSPACES[SPACES[primaries]], colour.RGB_COLOURSPACES["ITU-R BT.709"]
     return np.asarray(colour.RGB_to_RGB(nits / target, *spaces, chromatic_adaptation_transform=None))
 
@@ -52,13 +52,14 @@ def by_colour_science(nits: np.ndarray, target: float, primaries: str = "bt2020"
 def test_primaries_are_those_of_colour_science(primaries: str) -> None:
     spaces = colour.RGB_COLOURSPACES[SPACES[primaries]], colour.RGB_COLOURSPACES["ITU-R BT.709"]
     expected = colour.matrix_RGB_to_RGB(*spaces, chromatic_adaptation_transform=None)
-    np.testing.assert_allclose(to_screen(primaries), expected, atol=5e-4)  # whose matrices are the standards', rounded
+    # colour-science uses the rounded matrices of the standards
+    np.testing.assert_allclose(to_screen(primaries), expected, atol=5e-4)
     np.testing.assert_allclose(to_screen(primaries).sum(axis=1), 1, atol=1e-12)
 
 
 @pytest.mark.parametrize("transfer", ["pq", "hlg"])
 def test_light_below_the_knee_is_colour_science_s(rng: np.random.Generator, transfer: str) -> None:
-    """To a screen as bright as the medium nothing is bent, and what lies within BT.709 is only converted."""
+    """On a screen as bright as the medium, no tone is bent. Colours within BT.709 are only converted."""
     frame = colours(rng, transfer, primaries="bt2020", peak_nits=10_000.0)
     for plane in frame.planes[1:]:
         plane[...] = frame.planes[0] + 0.15 * (plane - frame.planes[0].astype(float))  # near grey
@@ -81,7 +82,7 @@ def test_grey_of_pq_has_the_light_that_bt_2408_lists(rng: np.random.Generator, c
 
 
 def test_graphics_white_of_hlg_is_that_of_pq(rng: np.random.Generator) -> None:
-    """75 % of HLG on a display of 1000 cd/m² is 203 cd/m² (BT.2408)."""
+    """A code of 75 % in HLG on a display of 1000 cd/m² is 203 cd/m² (BT.2408)."""
     frame = colours(rng, "hlg", primaries="bt2020")
     for plane in frame.planes:
         plane[...] = round(65535 * 0.75)
@@ -90,7 +91,7 @@ def test_graphics_white_of_hlg_is_that_of_pq(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(("peak", "target"), [(1000, 203), (4000, 203), (10_000, 50), (600, 400)])
 def test_the_curve_is_bt_2390_s(peak: float, target: float) -> None:
-    """Its Hermite spline, drawn by scipy: value and slope at both ends."""
+    """The curve is the Hermite spline of BT.2390, drawn by scipy from value and slope at both ends."""
     whole, most = (float(colour.models.eotf_inverse_ST2084(nits)) for nits in (peak, target))
     knee = 1.5 * most / whole - 0.5
     spline = CubicHermiteSpline([knee, 1], [knee, most / whole], [1, 0])
@@ -105,7 +106,7 @@ def test_grey_rises_to_white_and_no_further(rng: np.random.Generator, tone_mappi
     for plane in frame.planes:
         plane[...] = np.linspace(0, 65535, plane.size).reshape(plane.shape).round()
     grey = shown(frame, Adjustments(tone_mapping=tone_mapping)).reshape(-1, 3)
-    np.testing.assert_allclose(grey, grey[:, :1] * [[1, 1, 1]], atol=1e-6)  # the matrix's rounding
+    np.testing.assert_allclose(grey, grey[:, :1] * [[1, 1, 1]], atol=1e-6)  # rounding of the matrix
     assert np.all(np.diff(grey[:, 0]) >= -1e-6)
     nits = colour.models.eotf_ST2084(codes_of(frame).reshape(-1, 3)[:, 0])
     np.testing.assert_allclose(grey[nits >= 1000], 1, atol=1e-6)
@@ -131,7 +132,7 @@ def test_wide_primaries_of_an_ordinary_video_are_the_screen_s(rng: np.random.Gen
     frame = colours(rng, "srgb", primaries="p3")
     expected = by_colour_science(colour.models.eotf_sRGB(codes_of(frame)), 1, "p3")
     inside = np.all((expected >= 0) & (expected <= 1), axis=-1)
-    np.testing.assert_allclose(shown(frame)[inside], expected[inside], atol=6e-4)  # the matrix's rounding
+    np.testing.assert_allclose(shown(frame)[inside], expected[inside], atol=6e-4)  # rounding of the matrix
     same = replace(frame, format=replace(frame.format, primaries="bt709"))
     np.testing.assert_allclose(shown(same), colour.models.eotf_sRGB(codes_of(frame)), atol=1e-6)
 
@@ -146,7 +147,7 @@ def test_peaks_out_of_range_are_refused(wanted: Any) -> None:
 
 
 def even(code: int, depth: int = 10) -> list[Planes]:
-    """A grey of limited range as yuv420p10."""
+    """Return a grey of limited range as yuv420p10."""
     luma = np.full((64, 96), code, np.uint16)
     return [(luma, *(np.full((32, 48), 1 << (depth - 1), np.uint16) for _ in range(2)))] * 2
 
@@ -178,7 +179,7 @@ def test_how_bright_it_gets_is_what_an_hevc_clip_says(more: str, peak: float, tm
 @pytest.mark.parametrize("name", ["clip.mkv", "clip.hevc.mkv"])
 @pytest.mark.parametrize(("transfer", "kind"), [(16, "pq"), (18, "hlg")])
 def test_a_clip_s_graphics_white_is_the_same_light(name: str, transfer: int, kind: str, tmp_path: Path) -> None:
-    """PQ 58.06 % and HLG 75 % of limited range, 10 bits: 203 cd/m², the room's white where nothing is bent."""
+    """PQ 58.06 % and HLG 75 %, limited range, 10 bits: 203 cd/m², the room's white unless a tone is bent."""
     code = round(64 + 876 * {"pq": 0.5806, "hlg": 0.75}[kind])
     if name == "clip.hevc.mkv":
         path = hevc(tmp_path / name, code, transfer)
@@ -190,5 +191,5 @@ def test_a_clip_s_graphics_white_is_the_same_light(name: str, transfer: int, kin
         assert (frame.format.transfer, frame.format.primaries) == (kind, "bt2020")
         for adjustments, light in ((Adjustments(tone_mapping="clip"), 1.0), (Adjustments(target_peak=406), 0.5)):
             clipped = replace(adjustments, tone_mapping="clip")
-            np.testing.assert_allclose(shown(frame, clipped), light, rtol=0.01)  # a code of 10 bits is 1 % of the light
+            np.testing.assert_allclose(shown(frame, clipped), light, rtol=0.01)  # a 10-bit code is 1 % of the light
         reader.release(frame)

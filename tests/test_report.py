@@ -39,7 +39,7 @@ NAMES = [reason.name for reason in REASONS]
 
 @pytest.fixture(scope="module")
 def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A room and its report."""
+    """Return a room and its report."""
     folder = tmp_path_factory.mktemp("report")
     write_blurred_room(folder / "wall", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
     out = succeed("build", folder / "wall", "--report", folder / "report")
@@ -48,7 +48,10 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def one_pixel_rooms(T: np.ndarray, ambient: np.ndarray, mask: np.ndarray, white: float) -> np.ndarray:
-    """The impossible map's flags (reasons, camera pixels) of a grey room in one row; T (camera, projector)."""
+    """Return the flags of the impossible map, (reasons, camera pixels), of a grey room with one row.
+
+    T : (camera, projector).
+    """
     matrix = sparse.csr_array(T.astype(np.float32))
     camera, projector = (1, T.shape[0]), (1, T.shape[1])
     room = Calibration(
@@ -66,10 +69,13 @@ def one_pixel_rooms(T: np.ndarray, ambient: np.ndarray, mask: np.ndarray, white:
 
 
 def test_each_reason_is_found_where_it_was_put() -> None:
-    """One camera pixel a reason: masked, dark, dim, dimmer than white, bright by itself, fine; then a shared pixel."""
+    """One camera pixel per reason: masked, dark, dim, dimmer than white, bright by itself, fine.
+
+    Two more share a pixel.
+    """
     T = np.zeros((8, 7))
     np.fill_diagonal(T, [1, 0, 0.4, 0.8, 1, 1, 1])
-    T[7, 6] = 10  # the last two see one projector pixel, one ten times as bright: grey in both is impossible
+    T[7, 6] = 10  # the last two see the same projector pixel, one of them ten times as bright, so both cannot be grey
     ambient = np.array([0, 0, 0, 0, 0.2, 0, 0, 0.0])
     mask = np.array([False] + [True] * 7)
     flags = one_pixel_rooms(T, ambient, mask, 1.0)
@@ -82,7 +88,7 @@ def test_each_reason_is_found_where_it_was_put() -> None:
         {"bright_black"},
         set(),
         {"conflict"},
-        set(),  # the bright one decides: p = 5.5 / 101 by least squares, which misses it by 0.0446 < 0.05
+        set(),  # the bright pixel dominates least squares: p = 5.5 / 101 misses its target by 0.0446 < 0.05
     ]
 
 
@@ -115,7 +121,7 @@ def test_condition_and_rank_are_numpys(reported: tuple[Path, Path]) -> None:
     luminance = sum(w * T.toarray().astype(float) for w, T in zip(weights, channels(transport.near), strict=True))
     sigma = np.linalg.svd(luminance[:, luminance.any(axis=0)], compute_uv=False)
     figures = json.loads((where / "report.json").read_text())
-    assert figures["clusters"]["count"] == 1  # the blur joins everything
+    assert figures["clusters"]["count"] == 1  # blur connects everything
     (system,) = figures["spectra"]["systems"]
     assert system["kind"] == "cluster"
     assert system["rank_deficit"] == 0
@@ -136,7 +142,7 @@ def test_the_page_shows_every_picture_and_loads_nothing_else(reported: tuple[Pat
 
 
 def test_the_matrix_picture_holds_far_light_as_if_entry_by_entry(rng: np.random.Generator) -> None:
-    m, n, cells = 700, 530, 5  # more than a picture's side, and no multiple of it
+    m, n, cells = 700, 530, 5  # larger than the picture's side, and no multiple of it
 
     def random(shape: tuple[int, int], density: float) -> list[sparse.csr_array]:
         return [sparse.random_array(shape, density=density, rng=rng, dtype=np.float32).tocsr() for _ in range(3)]
@@ -154,7 +160,7 @@ def test_pictures_of_structure() -> None:
     assert len({tuple(colour) for colour in picture}) == 4
     assert (picture[2] == picture[3]).all()
     matrix = sparse.csr_array(np.array([[1.0, 0.0], [0.0, 1e-2]]))
-    assert matrix_picture(matrix)[..., 0].tolist() == [[255, 0], [0, 128]]  # two decades of four, 127.5 rounded
+    assert matrix_picture(matrix)[..., 0].tolist() == [[255, 0], [0, 128]]  # two of four decades: 127.5, rounded
     packed = pack_matrices([sparse.csr_array(np.tri(5, 7))] * 3, (1, 5), (1, 7))
     assert texture_picture(packed).mean() == pytest.approx(255 * packed.fill, abs=0.5)  # each value is rounded
 
@@ -198,7 +204,7 @@ def test_a_report_that_fails_leaves_the_previous_one(
 def test_a_report_on_an_acquisition_computes_the_optimum_in_few_steps(
     radius: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A certificate of 1e-4 takes 480 steps in focus and 900 far out of focus, for the same figures."""
+    """A certificate of 1e-4 takes 480 steps in focus and 900 far out of focus, and gives the same figures."""
     T = discs(rng, radius)
     transport = replace(Transport(rows_of(T)), camera=BLURRED_CAMERA, projector=BLURRED_PROJECTOR)
     steps, descent = list[int](), Objective.descent
@@ -208,5 +214,5 @@ def test_a_report_on_an_acquisition_computes_the_optimum_in_few_steps(
     monkeypatch.undo()
     monkeypatch.setattr(acquired, "Box", lambda T, **_: Box(T, tolerance=1e-4))
     for name, best in predicted_quality(transport, calibrated(transport), 0.01).items():
-        assert found[name]["by_transport"] == pytest.approx(best["by_transport"], abs=0.1)  # dB, as the page has them
+        assert found[name]["by_transport"] == pytest.approx(best["by_transport"], abs=0.1)  # dB, as on the page
         assert found[name]["with_check_error"] < found[name]["by_transport"]

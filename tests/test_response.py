@@ -16,7 +16,7 @@ def test_encoding_then_the_response_gives_the_light_back(value: object) -> None:
     light = np.linspace(0, 1, 4001)[None, :, None].repeat(3, axis=2)
     codes = encode(light, response.inverse_table()).astype(float) / 255
     neighbours = [response.to_linear(np.clip(codes + step / 255, 0, 1)) for step in (-0.51, 0.51)]
-    # The code is the nearest one: half a code to either side brackets the light; 0.01 for the table's interpolation.
+    # Half a code to either side of the nearest code brackets the light. 0.01 allows for interpolation in the table.
     assert np.all(neighbours[0] <= light + 1e-9)
     assert np.all(light <= neighbours[1] + 1e-9)
 
@@ -30,7 +30,7 @@ def test_encoding_then_the_response_gives_the_light_back(value: object) -> None:
     ],
 )
 def test_what_a_white_segment_adds_is_taken_out(rng: np.random.Generator, samples: list[list[float]]) -> None:
-    """A projector that shows p + s(min p), written down here anew."""
+    """The test recomputes the projector's light p + s(min p)."""
     table = Table({"response": "linear", "white_segment": samples}, "here", "fix")
     response = read_response(table)
     levels = np.linspace(0, 1, len(samples))
@@ -38,7 +38,7 @@ def test_what_a_white_segment_adds_is_taken_out(rng: np.random.Generator, sample
     codes = encoded_drive(wanted, response.over((40, 30))) / 255
     darkest = codes.min(axis=2)
     shown = codes + np.stack([np.interp(darkest, levels, column) for column in np.transpose(samples)], axis=2)
-    assert np.abs(shown - wanted).max() < 2.5 / 255  # half a code, and what half a code does to the segment
+    assert np.abs(shown - wanted).max() < 2.5 / 255  # half a code, and its effect on the segment
     np.testing.assert_allclose(response.to_linear(codes), shown, atol=1e-12)
 
 
@@ -80,7 +80,7 @@ def test_a_raster_is_encoded_and_read_back_projector_by_projector(
         np.testing.assert_array_equal(codes[own], encode(drive[own] @ D.T, response.inverse_table()))
         found = raster.to_linear(codes)[own] @ D.T
         np.testing.assert_allclose(found, response.to_linear(codes[own] / 255), atol=1e-12)  # D and its inverse
-    assert len(raster.inverse_tables()) == (4 if mixed else 3)  # the two that are alike share one
+    assert len(raster.inverse_tables()) == (4 if mixed else 3)  # the two equal devices share a table
 
 
 def test_three_column_tables_act_per_channel() -> None:
@@ -89,10 +89,12 @@ def test_three_column_tables_act_per_channel() -> None:
 
 
 def test_known_values_of_the_transfers() -> None:
-    middle = {"srgb": 0.21404, "bt1886": 0.18946, "gamma22": 0.21764, "linear": 0.5}  # at code value 0.5, by formula
+    # light at code value 0.5, by formula
+    middle = {"srgb": 0.21404, "bt1886": 0.18946, "gamma22": 0.21764, "linear": 0.5}
     for name, light in middle.items():
         table = transfer_table(name)
-        assert np.interp(0.5, np.linspace(0, 1, table.size), table) == pytest.approx(light, abs=2e-5)  # printed digits
+        # digits as printed
+        assert np.interp(0.5, np.linspace(0, 1, table.size), table) == pytest.approx(light, abs=2e-5)
         assert table[0] == 0
         assert table[-1] == 1
 

@@ -1,4 +1,4 @@
-"""The rig that judges the product: what its cameras see, its devices, its optimum and its figures."""
+"""The rig that judges the product: its cameras, devices, optimum and figures."""
 
 import ast
 from dataclasses import replace
@@ -125,7 +125,7 @@ def test_a_white_segment_adds_to_grey_alone() -> None:
     red[..., 0] = 255
     assert np.array_equal(plain.light(red), segment.light(red))
     assert segment.light(white) == pytest.approx(segment.brightest)
-    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # but for the black level
+    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # differs by the black level
 
 
 def test_changes_are_seen_where_they_belong() -> None:
@@ -137,7 +137,7 @@ def test_changes_are_seen_where_they_belong() -> None:
     assert room_light.ambient == pytest.approx(3 * before.ambient)
     moved = before.after(replace(before.devices, camera_moved=(2, 0)))
     assert not np.array_equal(moved.photograph(codes, 1), before.photograph(codes, 1))
-    assert moved.seen(codes) == pytest.approx(before.seen(codes))  # whoever watches stays where they are
+    assert moved.seen(codes) == pytest.approx(before.seen(codes))  # the observer does not move
 
 
 def test_the_optimum_is_scipy_s(rng: np.random.Generator) -> None:
@@ -176,7 +176,7 @@ def test_the_optimum_is_well_above_what_is_projected_plainly_and_darkness_is_no_
     assert shown.psnr > 25 > 15 > plainly.psnr
     assert shown.inside > 30
     assert shown.delta_e < 4 < plainly.delta_e
-    assert plainly.everywhere >= plainly.psnr  # beyond the view whatever is thrown plainly will do
+    assert plainly.everywhere >= plainly.psnr  # outside the view, plain projection is as good as anything
     black = np.zeros_like(codes)
     assert judge.outside(question, black).flare == pytest.approx(0, abs=1e-6)
     assert judge.outside(question, np.full_like(codes, 255)).flare > judge.outside(question, plain).flare > 0
@@ -193,7 +193,7 @@ def test_a_flare_beside_the_view_lowers_what_is_seen_everywhere_and_nothing_else
     flare[unseen] = 255, 0, 0
     calm, flaring = (judge.figures(question, codes) for codes in (grey, flare.reshape(grey.shape)))
     assert flaring.psnr == pytest.approx(calm.psnr, abs=1e-6)
-    assert flaring.everywhere < calm.everywhere - 0.05  # some pixels beside a picture that is wrong everywhere
+    assert flaring.everywhere < calm.everywhere - 0.05  # few pixels change next to a picture that is wrong everywhere
 
 
 def test_pictures_stand_where_the_product_puts_them() -> None:
@@ -247,5 +247,5 @@ def test_the_product_is_photographed_built_and_shown(tmp_path: Path) -> None:
     assert shown.codes.shape == (*room_rig.raster, 3)
     judge = Judge(room_rig)
     question = judge.asks(picture, shown.white, plain.codes)
-    # Far above plain projection, whatever the product's age: a mirrored or misplaced picture has less than 15 dB.
+    # Compensation must clearly beat plain projection. A mirrored or misplaced picture stays below 15 dB.
     assert judge.figures(question, shown.codes).psnr > judge.figures(question, plain.codes).psnr + 10

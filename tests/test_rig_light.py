@@ -41,7 +41,7 @@ def test_crosstalk_is_what_is_asked_for() -> None:
 def test_every_camera_is_balanced_and_its_colours_are_found_again(name: str) -> None:
     found = light.LIGHTS[name]()
     assert found.of_white().sum(axis=1) == pytest.approx(1)
-    # A Nikon is not a colorimeter: 0.2 % of white's luminance is what a fit of nine numbers leaves.
+    # A Nikon is no colorimeter: a fit of nine numbers leaves 0.2 % of white's luminance.
     assert found.to_xyz().sum(axis=1)[1] == pytest.approx(1, abs=2e-3)
     assert found.weakness.min() == pytest.approx(1)
 
@@ -49,7 +49,7 @@ def test_every_camera_is_balanced_and_its_colours_are_found_again(name: str) -> 
 def test_real_primaries_mix_by_a_fifth_to_two_fifths() -> None:
     for name in ("led", "wheel"):
         shares = 1 - np.diag(light.LIGHTS[name]().of_white())
-        assert np.all((shares > 0.15) & (shares < 0.45)), name  # the issue: 20 to 30 %, raw up to 50
+        assert np.all((shares > 0.15) & (shares < 0.45)), name  # the requirement: 20 to 30 %; raw values up to 50
 
 
 def test_a_closed_room_is_a_furnace() -> None:
@@ -63,15 +63,15 @@ def test_a_closed_room_is_a_furnace() -> None:
 @pytest.mark.parametrize(
     ("other", "expected"),
     [
-        (square([0, 0, 1], [1, 0, 0], [0, 1, 0]), 0.19982),  # parallel unit squares, a unit apart
-        (square([0, 0, 0], [1, 0, 0], [0, 0, 1]), 0.20004),  # at a right angle along an edge
+        (square([0, 0, 1], [1, 0, 0], [0, 1, 0]), 0.19982),  # parallel unit squares at distance 1
+        (square([0, 0, 0], [1, 0, 0], [0, 0, 1]), 0.20004),  # at a right angle, with a common edge
     ],
 )
 def test_form_factors_of_unit_squares(other: Rectangle, expected: float) -> None:
     floor = Patches(square([0, 0, 0], [1, 0, 0], [0, 1, 0]), (24, 24))
     factors = form_factors([floor, Patches(other, (2, 2))])
     found = factors[: floor.count, floor.count :].sum(axis=1).mean()
-    assert found == pytest.approx(expected, rel=2e-3)  # the mean over 72 × 72 points, steep towards the edge
+    assert found == pytest.approx(expected, rel=2e-3)  # mean over 72 × 72 points; steep near the edge
 
 
 def test_the_form_factor_of_a_disc_overhead() -> None:
@@ -93,7 +93,7 @@ def test_the_corner_lights_itself() -> None:
     view = small_rig("corner").calibrated
     white = np.ones((small_room("corner").raster[0] * small_room("corner").raster[1], 3))
     direct, whole = view.direct_rise().sum(), view.rise(white).sum()
-    assert 1.03 < whole / direct < 1.3  # paper and paint that see each other at 112°
+    assert 1.03 < whole / direct < 1.3  # paper and paint face each other at 112°
 
 
 def test_footprints_sum_to_the_light_of_a_raster_without_borders() -> None:
@@ -141,7 +141,7 @@ def test_a_lens_out_of_focus_spreads_a_pixel_and_loses_no_light(radius: float) -
     lens = Aperture(radius, 2.0, 19)
     W = footprints(direct_hits(projector, lens, points, normals, np.arange(n * n), []), n * n, (20, 20))
     spot = W[:, [10 * 20 + 10]].toarray().ravel()
-    # The flux of a pixel next to the axis is 1; 180² samples, a pixel is 9 wide.
+    # A pixel next to the axis has flux 1. 180² samples; a pixel is 9 samples wide.
     assert spot.sum() * (side / n) ** 2 == pytest.approx(1, rel=5e-3)
     across = np.sqrt((spot * (x - (spot * x).sum() / spot.sum()) ** 2).sum() / spot.sum())
     pixel = 2.4 / 40
@@ -199,7 +199,7 @@ def test_bumps_are_met_and_bend_by_snell() -> None:
 def test_fresnel_at_known_angles() -> None:
     assert fresnel(np.array([1.0]), 1 / 1.5) == pytest.approx(0.04)
     brewster = np.cos(np.arctan(1.5))
-    across = ((1 - 1.5**2) / (1 + 1.5**2)) ** 2  # of light polarised across, the other half is not reflected
+    across = ((1 - 1.5**2) / (1 + 1.5**2)) ** 2  # light polarised along the other axis is not reflected
     assert fresnel(np.array([brewster]), 1 / 1.5) == pytest.approx(across / 2)
 
 
@@ -214,8 +214,8 @@ def test_light_through_a_pane_that_does_nothing_is_light_without_it(rng: np.rand
     assert np.array_equal(through.sample[order], straight.sample)
     assert through.uv[order] == pytest.approx(
         straight.uv, abs=5e-3
-    )  # straight lines within triangles of a quarter pixel
-    assert through.irradiance[order] == pytest.approx(straight.irradiance, rel=0.02)  # one value a triangle
+    )  # straight lines within triangles a quarter pixel wide
+    assert through.irradiance[order] == pytest.approx(straight.irradiance, rel=0.02)  # one value per triangle
 
 
 def test_a_bumpy_pane_moves_light_and_loses_none(rng: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""Checks of the room beside a show: when one begins, what becomes of what it says, and that none outlives it."""
+"""Checks of the room during a show: when a check begins, how its result is used, and that none outlives the show."""
 
 import math
 import sys
@@ -78,7 +78,7 @@ def test_a_check_that_hangs_is_ended_and_so_is_one_that_the_show_leaves(tmp_path
 
 
 class Shown:
-    """A show in which a check is due after 5 s."""
+    """A show whose check is due after 5 s."""
 
     def __init__(self, *readers: Reader, code: str = "print('moved: corrected')", drifts: bool = False) -> None:
         self.clock = Clock()
@@ -96,7 +96,7 @@ class Shown:
         self.stage.advance(0.02)
 
     def go_on(self) -> None:
-        """Until no check runs."""
+        """Advance until no check runs."""
 
         def ended() -> bool:
             self.stage.advance(0.01)
@@ -140,7 +140,7 @@ def test_of_several_media_none_is_interrupted() -> None:
     show = Shown(Reader("a", count=20), Reader("b", count=20))
     show.come_due()
     assert not show.checks.running
-    show.stage.advance(1.0)  # a has 0.8 s
+    show.stage.advance(1.0)  # a has 0.8 s left
     assert show.checks.running
     assert show.paused
     show.go_on()
@@ -156,7 +156,7 @@ def test_a_room_that_is_lost_is_told_and_the_show_goes_on() -> None:
 
 
 def test_a_check_that_is_asked_for_begins_at_once_and_its_outcome_is_told() -> None:
-    """Whatever is due, and although there are several media."""
+    """The check begins although none is due and the show has several media."""
     show = Shown(Reader("a", count=1000), Reader("b"), code="print('nothing has changed')")
     commands = show.stage.commands
     assert commands.get("checking") is False
@@ -203,7 +203,7 @@ def test_options_say_how_often_and_with_which_camera() -> None:
     ]
     assert check_of(read_options(words, "")) == (["--camera", "folder:my room", "--wait", "60"], 600.0)
     assert check_of(read_options(words[:3], "")) is None
-    assert check_of(read_options([*words[:3], *words[-2:]], ""))[1] == math.inf  # only when it is asked for
+    assert check_of(read_options([*words[:3], *words[-2:]], ""))[1] == math.inf  # only on request
 
 
 @pytest.mark.parametrize(

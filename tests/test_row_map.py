@@ -1,4 +1,4 @@
-"""The row map contract: pack, unpack, files, and every way in which a file may be wrong."""
+"""The row map contract: pack, unpack, files, and every kind of damaged file."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from counterlight.maps.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, besid
 
 
 def promised(sizes: dict[str, object]) -> Table:
-    """Sizes as a manifest has them."""
+    """Return the sizes of a row map as a manifest states them."""
     return Table(sizes, "manifest.toml", "rebuild it")
 
 
@@ -43,7 +43,7 @@ def test_unpack_is_the_inverse_of_pack(lengths: list[int], seed: int) -> None:
 
 
 def test_blocks_leave_no_trace(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Entries are put into their places a block at a time; one row may be longer than a block, and many be empty."""
+    """Packing writes entries block by block. A row may exceed a block, and many rows may be empty."""
     lengths = rng.integers(0, 30, 600) * rng.integers(0, 2, 600)
     rows = random_rows(rng, lengths, 35)
     whole = pack(rows, (20, 30), (5, 7))
@@ -66,7 +66,7 @@ def test_rows_beside_each_other_are_both_matrices_columns(rng: np.random.Generat
 
 
 def test_a_map_higher_than_any_texture(tmp_path: Path, rng: np.random.Generator) -> None:
-    """A narrow one stands for 16384 texels a line: the file and the twin have no limit, OpenGL takes it in tiles."""
+    """A narrow width replaces the limit of 16384 texels. Files and the CPU have no height limit; OpenGL draws tiles."""
     rows = random_rows(rng, np.full(20000, 3), 35)
     packed = pack(rows, (100, 200), (5, 7), max_texture_width=3)
     assert packed.entries.shape[:2] == (20000, 3)

@@ -1,4 +1,4 @@
-"""Gloss and subsurface scattering: lobes that give back no more than they get, profiles that hold the albedo."""
+"""Gloss and subsurface scattering: lobes return at most the light they receive, and profiles keep the albedo."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 @pytest.mark.parametrize("roughness", [0.1, 0.4, 1.0])
 @pytest.mark.parametrize("degrees", [0.0, 40.0, 75.0])
 def test_in_a_white_furnace_the_lobe_returns_at_most_what_it_gets(roughness: float, degrees: float) -> None:
-    """∫ f cos i over the hemisphere by quadrature; the sampler's mean weight is the same integral."""
+    """Quadrature gives ∫ f cos i over the hemisphere. The mean weight of the sampler is the same integral."""
     for head_on in (0.04, 1.0):
         albedo = directional_albedo(roughness, degrees, head_on)
         assert 0.5 * head_on * (1 - np.log(2)) < albedo <= 1
@@ -42,7 +42,7 @@ def test_in_a_white_furnace_the_lobe_returns_at_most_what_it_gets(roughness: flo
 
 def test_the_roughest_lobe_at_normal_incidence_has_a_closed_form() -> None:
     """With α = 1, D = 1/π and G = cos 2h / cos² h: the integral of 2 tan h cos 2h from 0 to π/4 is 1 − ln 2."""
-    assert directional_albedo(1.0, 0.0, 1.0) == pytest.approx(1 - np.log(2), rel=1e-3)  # cut at the horizon
+    assert directional_albedo(1.0, 0.0, 1.0) == pytest.approx(1 - np.log(2), rel=1e-3)  # the lobe is cut at the horizon
 
 
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 1.0])
@@ -54,7 +54,7 @@ def test_a_coat_over_white_paint_returns_at_most_what_it_gets(roughness: float, 
 
 
 def test_the_sampler_draws_the_lobe_and_no_other() -> None:
-    """The mean of an arbitrary picture of the surroundings, by sampling and by quadrature."""
+    """Sampling and quadrature agree on the mean of an arbitrary picture of the surroundings."""
     roughness, leaving = 0.3, direction(50)
     side = 128
     grid = (np.indices((side, side)).reshape(2, -1).T + 0.5) / side
@@ -73,7 +73,7 @@ def test_the_lobe_is_reciprocal(rng: np.random.Generator) -> None:
 
 
 def test_a_glossy_fold_shows_the_other_side_as_many_rays_do(tmp_path: Path) -> None:
-    """One camera pixel on a black coated card beside a lit white one, against an integral over the white one."""
+    """A camera pixel looks at a black coated card next to a lit white card. An integral over the white card agrees."""
     scene = load_scene(scene_file(tmp_path, FOLD, GLOSSY))
     far = channel(simulate(scene, only=["direct", "shadows", "gloss"]).transport.near, 1).sum()
     hit = trace(scene.camera.position, scene.camera.forward[None], scene.surfaces)
@@ -114,7 +114,7 @@ gloss = { reflectance = 0.8, roughness = 0.3 }
 
 
 def scene_file(tmp_path: Path, *surfaces: str) -> Path:
-    """A projector that looks from the left onto the right card, a camera of one pixel on the left card."""
+    """Write a projector that looks from the left onto the right card, and a one-pixel camera on the left card."""
     path = tmp_path / "scene.toml"
     projector = "[projector]\nwidth = 40\nheight = 40\nposition = [-1.5, 0, 2]\nlook_at = [0.4, 0, 0.4]"
     camera = "[camera]\nwidth = 1\nheight = 1\nposition = [0.6, 0, 2]\nlook_at = [-0.35, 0, 0.35]"
@@ -124,10 +124,10 @@ def scene_file(tmp_path: Path, *surfaces: str) -> Path:
 
 
 def directional_albedo(roughness: float, degrees: float, head_on: float, with_scenery: bool = False) -> float:
-    """∫ f cos i (times the scenery) dω over the hemisphere, from half vectors: dω = 4 (o · h) dω_h."""
+    """Return ∫ f cos i (times the scenery) dω over the hemisphere, from half vectors: dω = 4 (o · h) dω_h."""
     theta, weights = gauss(0, np.pi / 2, 200)
     phi = (np.arange(100) + 0.5) / 100 * 2 * np.pi
-    # Fine near the normal, where the facets of a smooth surface are.
+    # Steps are fine near the normal, where the facets of a smooth surface lie.
     theta, weights = np.pi / 2 * (theta / (np.pi / 2)) ** 3, weights * 3 * (theta / (np.pi / 2)) ** 2
     t, p = (x.ravel() for x in np.meshgrid(theta, phi, indexing="ij"))
     half = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=1)
@@ -164,7 +164,7 @@ def up(count: int) -> FloatArray:
 def test_the_profile_holds_all_the_light() -> None:
     for width in (0.3, 2.0):
         whole, _ = integrate.quad(lambda r, w=width: 2 * np.pi * r * subsurface.profile(r, w), 0, 60 * width)
-        assert whole == pytest.approx(1, rel=1e-8)  # e⁻²⁰ is left out
+        assert whole == pytest.approx(1, rel=1e-8)  # the rest, e⁻²⁰, is omitted
 
 
 def test_radii_are_drawn_as_the_profile_says() -> None:
@@ -185,7 +185,7 @@ translucency = { mean_free_path = [0.08, 0.02, 0.02] }
 
 
 def wax(tmp_path: Path) -> Scene:
-    """A translucent plane; the projector looks straight down onto it, the camera from the side."""
+    """Return a translucent plane. The projector looks straight down onto it, the camera from the side."""
     path = tmp_path / "scene.toml"
     projector = "[projector]\nwidth = 60\nheight = 40\nposition = [0, 0, 3]\nlook_at = [0, 0, 0]"
     camera = "[camera]\nwidth = 30\nheight = 20\nposition = [0, 0.5, 3]\nlook_at = [0, 0, 0]"
@@ -195,10 +195,10 @@ def wax(tmp_path: Path) -> Scene:
 
 
 def test_a_line_of_light_spreads_as_the_profiles_line_integral(tmp_path: Path) -> None:
-    """∫ R dy = (K₀(|x| / d) + K₀(|x| / 3d)) / 4 π d, over the width of a projector column; per channel its own d."""
+    """∫ R dy = (K₀(|x| / d) + K₀(|x| / 3d)) / 4 π d, averaged over a projector column, with each channel's own d."""
     scene = wax(tmp_path)
     T = channels(simulate(scene).transport.near)
-    side = 4  # places an axis of a camera pixel
+    side = 4  # places per axis of a camera pixel
     points = trace(scene.camera.position, scene.camera.pixel_rays(range(10, 11), side)[0], scene.surfaces).point
     x = points[:, 0].reshape(30, side**2)
     column, half = 30, 3 * np.tan(np.radians(18)) / 60
@@ -213,21 +213,21 @@ def test_a_line_of_light_spreads_as_the_profiles_line_integral(tmp_path: Path) -
         far = np.abs(x[..., None] - middle - steps)
         line = (special.k0(far / d) + special.k0(far / 3 / d)) / (4 * np.pi * d)
         expected = albedo / np.pi * light * line.mean(axis=(1, 2)) * 2 * half
-        # 12 × 256 points for each of 30 places; the rows are seen in perspective.
+        # 12 × 256 points for each of 30 places. The camera sees the rows in perspective.
         np.testing.assert_allclose(seen, expected, atol=0.05 * expected.max())
         assert seen.sum() == pytest.approx(expected.sum(), rel=0.02)
 
 
 def test_even_light_gives_the_albedo(tmp_path: Path) -> None:
-    """Far from the edges, in free paths, a translucent plane under white is as bright as a matt one."""
+    """Many free paths from its edges, a translucent plane under white light is as bright as a matt plane."""
     scene = wax(tmp_path)
     pictures = [simulate(scene, without=names).transport.composition() for names in ([], ["subsurface"])]
     np.testing.assert_allclose(pictures[0][:, 1:], pictures[1][:, 1:], rtol=1e-6)  # float32
-    assert (pictures[0][:, 0] < pictures[1][:, 0]).any()  # red goes far enough to be lost
+    assert (pictures[0][:, 0] < pictures[1][:, 0]).any()  # red travels far enough to leave the plane
 
 
 def test_on_a_ball_no_sample_gathers_more_than_the_whole_profile(tmp_path: Path) -> None:
-    """And at a radius of many free paths it gathers nearly all of it."""
+    """At a radius of many free paths, a sample gathers nearly the whole profile."""
     for radius, least in ((0.5, 0.97), (0.05, 0.5)):
         ball = (
             f'[[surfaces]]\nshape = "sphere"\ncentre = [0, 0, 0]\nradius = {radius}\nalbedo = [0.8, 0.8, 0.8]\n'

@@ -1,4 +1,4 @@
-"""Pictures on the screen of several cameras: what each pixel shows, where a corner is seen, what is pointed at."""
+"""Pictures on the shared screen of several cameras: content of each pixel, place of a corner, pointer positions."""
 
 import numpy as np
 import pytest
@@ -22,13 +22,16 @@ def screen() -> Screen:
 
 
 def test_each_pixel_shows_its_place_on_the_screen(screen: Screen) -> None:
-    """Of a ramp as large as the screen; where a camera's pixel is wider than the screen's, taps differ on its sides."""
+    """A ramp as large as the screen shows each pixel's place.
+
+    Camera pixels wider than screen pixels need uneven taps.
+    """
     height, width = screen.shape
     v, u = np.mgrid[:height, :width] + 0.5
     ramp = np.stack([u, v, np.ones_like(u)], axis=2)
     shown = pinned(ramp, CAMERA, homography(WHOLE, screen.shape, screen.shape), *screen.axes)
     inner = np.all((screen.positions > 3) & (screen.positions < np.array([width, height]) - 3), axis=2)
-    inner[:TOP, -1] = False  # beside the narrower camera
+    inner[:TOP, -1] = False  # next to the narrower camera
     assert inner[:TOP].sum() > 200 < inner[TOP:].sum()
     np.testing.assert_allclose(shown[inner, :2], screen.positions[inner], atol=0.1)
     assert not shown[:TOP, -1].any()
@@ -37,7 +40,7 @@ def test_each_pixel_shows_its_place_on_the_screen(screen: Screen) -> None:
 
 
 def test_a_screen_that_is_the_view_places_as_without(rng: np.random.Generator) -> None:
-    """One row of the second camera goes on where the first one's ends."""
+    """A row of the second camera continues where the first camera's row ends."""
     y, x = np.mgrid[:12, :17] + 0.5
     screen = Screen((12, 17), ((7, 17), (5, 17)), np.stack([x, y], axis=-1).astype(np.float32))
     picture, corners = rng.uniform(size=(31, 23, 3)), ((0.1, 0.05), (0.95, 0.1), (0.9, 0.9), (0.0, 0.8))
@@ -63,7 +66,7 @@ def test_what_is_pointed_at_is_where_the_pixel_looks(screen: Screen) -> None:
     found = screen.looked_at(points) * screen.shape[::-1]
     np.testing.assert_allclose(found[0], screen.positions[2, 5], rtol=1e-12)
     np.testing.assert_allclose(found[1], screen.positions[TOP + 3, 20], rtol=1e-12)
-    assert np.isnan(found[2:]).all()  # beside the narrower camera, and outside
+    assert np.isnan(found[2:]).all()  # next to the narrower camera, and outside
 
 
 def test_an_outline_runs_through_every_camera_that_sees_it(screen: Screen) -> None:
@@ -73,7 +76,7 @@ def test_an_outline_runs_through_every_camera_that_sees_it(screen: Screen) -> No
     ends = np.array(corners) * screen.shape[::-1]
     looks = screen.positions[pixels[:, 1], pixels[:, 0]]
     off = np.minimum(np.abs(looks - ends[0]), np.abs(looks - ends[2])).min(axis=1)
-    assert off.max() < 1.7  # a pixel of the first camera's is that long on the screen
+    assert off.max() < 1.7  # a pixel of the first camera is that long on the screen
     assert (pixels[:, 1] < TOP).any()
     assert (pixels[:, 1] >= TOP).any()
     assert len(outline.handles) >= 4

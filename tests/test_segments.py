@@ -1,4 +1,4 @@
-"""A film in segments is the film: whole commands, workers that are killed, runs that are interrupted."""
+"""A film rendered in segments equals the film rendered at once: whole commands, killed workers, interruptions."""
 
 import json
 import os
@@ -25,7 +25,7 @@ BACKEND = "--backend", "cpu"
 
 @pytest.fixture(scope="module")
 def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A room with its maps; a film of three shots that move, and one of the first alone."""
+    """Return a room with its maps, a film of three moving shots, and a film of one shot."""
     folder, rng = tmp_path_factory.mktemp("film"), np.random.default_rng(11)
     write_blurred_room(folder / "room", rng)
     succeed("build", folder / "room")
@@ -35,14 +35,14 @@ def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def shot(rng: np.random.Generator, length: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Pictures of 34 lines and 46 columns whose light and dark patches move to the right."""
+    """Return pictures of 34 x 46 pixels whose light and dark patches move to the right."""
     patches = np.kron(rng.permutation(np.linspace(16, 235, 48)).reshape(6, 8), np.ones((6, 6)))[:34, :46]
     neutral = np.full((17, 23), 128, np.uint8)
     return [(np.roll(patches, step, axis=1).astype(np.uint8), neutral, neutral) for step in range(length)]
 
 
 def packets(path: Path) -> list[tuple[bytes, int | None]]:
-    """What a film holds; the numbers by which Matroska tells one file from another are chance."""
+    """Return the packets and times of a film. Whole files differ, because Matroska's identifiers are random."""
     with av.open(str(path)) as container:
         return [(bytes(packet), packet.pts) for packet in container.demux() if packet.size]
 
@@ -71,18 +71,18 @@ def test_segments_are_joined_into_what_one_process_writes(
 
 
 def test_a_lossy_film_has_the_same_pictures_at_the_same_times(furnished: Path, tmp_path: Path, whole: Path) -> None:
-    """Not the same packets: libx264 on several threads makes others of the same pictures now and then."""
+    """Packets may differ: libx264 with several threads sometimes encodes the same pictures differently."""
     render(furnished, tmp_path / "o.mp4", "--segments", "2")
     (lossy, times), (pictures, exact_times) = shown(tmp_path / "o.mp4"), shown(whole)
     np.testing.assert_allclose(times, exact_times, atol=1e-3)  # Matroska counts milliseconds
     apart = np.abs(lossy[:, None].astype(float) - pictures[None]).mean(axis=(2, 3, 4))
     assert apart.argmin(axis=1).tolist() == list(
         range(FRAMES)
-    )  # each is its own, of pictures that move a pixel a frame
+    )  # each picture differs from the next, because it moves by a pixel per frame
 
 
 def shown(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Pictures (frames, height, width, 3), and when each is due."""
+    """Return pictures, (frames, height, width, 3), and the time at which each is due."""
     with av.open(str(path)) as container:
         frames = list(container.decode(video=0))
     return np.stack([frame.to_ndarray(format="rgb24") for frame in frames]), np.array([frame.time for frame in frames])
@@ -92,7 +92,7 @@ def shown(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def test_numbered_pictures_are_the_same_with_an_offset_laps_and_a_limit(
     furnished: Path, tmp_path: Path, suffix: str
 ) -> None:
-    """From the fifth frame to the second lap: the dither, which counts frames, too."""
+    """The run goes from the fifth frame to the second lap, and includes the dither, which counts frames."""
     words = "--start", "0.2", "--loop", "--frames", "26", "--dither", "noise"
     for name, more in (("one", ()), ("many", ("--segments", "2"))):
         (tmp_path / name).mkdir()
@@ -119,21 +119,21 @@ def test_a_film_of_one_shot_is_divided_only_if_asked_and_what_differs_is_said(fu
     joint = json.loads((tmp_path / "stats.json").read_text())["segments"]["within_shots"][0]
     assert joint["frame"] == FRAMES // 2
     assert joint["of"] == 30 * 40 * 3
-    assert joint["differing"] > 0  # three frames are not enough to forget that it began
+    assert joint["differing"] > 0  # three frames of lead-in do not remove the effect of the start
     assert f"divided within a shot at frame {FRAMES // 2}: {joint['differing']} of" in done.stdout
     assert packets(tmp_path / "o.mkv") != alone
 
 
 @pytest.fixture
 def began(furnished: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """A command in segments."""
+    """Start a command in segments."""
     words = *verb("play"), furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv"
     with running(*words, "--segments", "3") as process:
         yield process
 
 
 def rendering_workers(pid: int) -> list[int]:
-    """Processes that have begun to decode the film."""
+    """Return the processes that have begun to decode the film."""
     return [child for child in descendants(pid) if "spawn_main" in cmdline(child) and descendants(child)]
 
 
@@ -245,7 +245,8 @@ def film_of(length: int, *cuts: int) -> Film:
 def test_stretches_begin_at_the_nearest_cuts_and_together_are_the_film() -> None:
     film = film_of(100, 20, 48, 53, 90)
     assert divide(film, 2, carries=True, lead_in=None) == [Stretch(0, 0, 48), Stretch(48, 48, 100)]
-    assert [each.begin for each in divide(film, 4, carries=True, lead_in=None)] == [0, 20, 48]  # 90 is too far from 75
+    # frame 90 is too far from 75
+    assert [each.begin for each in divide(film, 4, carries=True, lead_in=None)] == [0, 20, 48]
     within = divide(film, 4, carries=True, lead_in=10)
     assert within[-1] == Stretch(65, 75, 100)
     assert within_shots(within, film) == [3]

@@ -1,6 +1,6 @@
-"""Playback without a window: which frame is shown when, what comes next. Clock, display and reader are stand-ins.
+"""Playback without a window: the time of each frame, and the next medium. Clock, display and reader are stand-ins.
 
-The real reader, renderer and window are tested in test_video.py, gl/ and test_player.py; here time itself is the input.
+Real readers, renderers and windows are tested in test_video.py, gl/ and test_player.py. Here, time is the input.
 """
 
 import gc
@@ -39,7 +39,7 @@ def test_frames_that_were_overtaken_are_dropped_and_counted(stage: Stage) -> Non
 
 
 def test_lateness_and_judder_are_those_of_the_clock(stage: Stage) -> None:
-    """Frames due every 40 ms, looked at 3, 13 and 70 ms late: late by these, judder by their differences."""
+    """Frames due every 40 ms are shown 3, 13 and 70 ms late. Judder is the difference of these delays."""
     stage.show.step()
     for now in (100.043, 100.093, 100.190):
         stage.clock.now = now
@@ -70,7 +70,8 @@ def test_seeking_goes_from_the_current_position() -> None:
     stage.advance(0.4)
     assert stage.press("right") == "0:00:05 / 0:00:40 (13 %)"
     stage.advance(0.02)
-    assert stage.screen.uploaded[-1] == pytest.approx(25 * 5.4, abs=2)  # where it was, to a frame or two
+    # at the previous position, within a frame or two
+    assert stage.screen.uploaded[-1] == pytest.approx(25 * 5.4, abs=2)
     stage.press("left", "left")
     stage.advance(0.02)
     assert stage.screen.uploaded[-1] <= 1
@@ -118,9 +119,9 @@ def test_speed_changes_the_rate_and_not_the_place() -> None:
 def test_frames_that_come_too_late_are_said_once_with_what_to_change() -> None:
     stage = Stage(Reader(count=1000), Reader("other", count=1000), refine=16)
     stage.session.stats.add("decode", 0.002)
-    for _ in range(500):  # more than the stage, which draws nothing, adds
+    for _ in range(500):  # more samples than the stage adds, which draws nothing
         stage.session.stats.add("gpu", 0.12)
-    stage.advance(4.9, step=0.12)  # three frames for one that is shown
+    stage.advance(4.9, step=0.12)  # three frames pass per frame shown
     assert stage.session.stats.notices == []
     stage.advance(10, step=0.12)
     (line,) = stage.session.stats.notices
@@ -129,7 +130,7 @@ def test_frames_that_come_too_late_are_said_once_with_what_to_change() -> None:
     stage.press(">")
     stage.advance(4.9, step=0.04)
     assert len(stage.session.stats.notices) == 1
-    stage.advance(20, step=0.04)  # in time again: another medium is not accused of what the first one dropped
+    stage.advance(20, step=0.04)  # in time again: the new medium is not blamed for the old medium's dropped frames
     assert len(stage.session.stats.notices) == 1
 
 
@@ -148,7 +149,7 @@ def test_the_a_b_loop_goes_back_at_b_until_it_is_cleared() -> None:
     stage.advance(1.0)
     assert stage.screen.uploaded[-1] > b
     stage.commands.set("ab-loop-a", 39)
-    stage.commands.set("ab-loop-b", 100)  # after the end: the end counts as B
+    stage.commands.set("ab-loop-b", 100)  # after the end, where the end serves as B
     stage.commands.run("seek", 39.5, "absolute")
     stage.advance(1.0)
     assert not stage.session.done
@@ -241,12 +242,12 @@ def test_collections_pass_over_what_was_there_before_the_show() -> None:
     stage, frozen = Stage(Reader(count=3)), []
     stage.screen.poll = lambda timeout_s: frozen.append(gc.get_freeze_count()) or [stage.advance(0.04)][:0]  # type: ignore[method-assign]
     stage.show.run()
-    assert min(frozen) > 10_000  # numpy alone
+    assert min(frozen) > 10_000  # numpy alone has as many
     assert gc.get_freeze_count() == 0
 
 
 def test_the_figures_of_the_last_ten_seconds_are_of_frames_that_missed_their_time() -> None:
-    """Drawn 30 ms after their times all frames are in time; what a standstill drops is late or dropped, for 10 s."""
+    """Frames drawn 30 ms late are in time. Frames dropped in a standstill count for 10 s."""
     stage = Stage(Reader(count=10_000))
     stage.show.step()
     stage.clock.now += 0.03

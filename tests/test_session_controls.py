@@ -1,4 +1,4 @@
-"""What keys, commands and remotes do to a session whose surroundings are stand-ins (tests/stage.py)."""
+"""Effects of keys, commands and remotes on a session with stand-ins (tests/stage.py)."""
 
 from collections.abc import Mapping
 from types import SimpleNamespace
@@ -59,7 +59,7 @@ def test_what_a_key_changed_fades_after_a_second(stage: Stage) -> None:
     assert opacities == sorted(opacities, reverse=True)
     assert len(set(opacities)) > 8
     assert stage.screen.pages[-1] is None
-    assert len(stage.screen.steps) == renders + 1  # the words fade over the same picture
+    assert len(stage.screen.steps) == renders + 1  # the text fades over the same picture
     assert stage.session.wait_s() > 0.03
 
 
@@ -69,7 +69,7 @@ def test_without_osd_nothing_is_written(stage: Stage) -> None:
     stage.press("c")
     assert stage.screen.pages[-1] is None
     stage.press("?")
-    assert stage.screen.pages[-1] is not None  # a page that was asked for is
+    assert stage.screen.pages[-1] is not None  # a requested page stays
 
 
 def test_picture_controls_reach_the_renderer(stage: Stage) -> None:
@@ -126,7 +126,7 @@ def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
     moved[1, 1] -= 0.01
     np.testing.assert_allclose(stage.saved[-1], moved)
     assert stage.session.placing is None
-    stage.press("right")  # a seek again
+    stage.press("right")  # another seek
     np.testing.assert_allclose(corners(), moved)
     stage.press("k", "left", "escape")
     np.testing.assert_allclose(corners(), moved)
@@ -151,12 +151,12 @@ def test_the_placement_survives_a_change_of_media() -> None:
     stage.advance(0.05)
     assert stage.session.placing is not None
     np.testing.assert_allclose(stage.session.placing.corners, letterbox)
-    stage.commands.run("place-drag", 0.6, 0.5)  # the hold goes on
+    stage.commands.run("place-drag", 0.6, 0.5)  # the drag continues
     moved = np.add(letterbox, (0.1, 0))
     np.testing.assert_allclose(stage.screen.adjusted[-1].corners, moved)
     stage.commands.run("playlist-next")
     stage.advance(0.05)
-    np.testing.assert_allclose(stage.session.placing.corners, moved)  # as it was placed, whatever plays
+    np.testing.assert_allclose(stage.session.placing.corners, moved)  # the placement stays, whatever plays
     stage.press("escape")
     assert stage.screen.adjusted[-1].corners is None
 
@@ -171,23 +171,24 @@ def test_the_mouse_pulls_a_corner_or_the_whole_picture(stage: Stage) -> None:
         stage.show.step()
         return np.array(stage.session.placing.corners if stage.session.placing else SQUARE)
 
-    np.testing.assert_array_equal(drag((0, 0), (0.2, 0.1), (0.2, 0.1)), SQUARE)  # it is not being placed
+    np.testing.assert_array_equal(drag((0, 0), (0.2, 0.1), (0.2, 0.1)), SQUARE)  # the picture is not being placed
     stage.press("k")
     expected = np.array(SQUARE, float)
     expected[0] = 0.19, 0.12
     np.testing.assert_allclose(drag((0.01, -0.02), (0.1, 0), (0.2, 0.1), (0.2, 0.1)), expected)
     assert stage.session.placing is not None
     assert stage.session.placing.selected == "upper left corner"
-    np.testing.assert_allclose(drag((0.19, 0.12), (5.0, 5.0), (0.19, 0.12)), expected)  # no such quadrilateral
+    # such a quadrilateral is impossible
+    np.testing.assert_allclose(drag((0.19, 0.12), (5.0, 5.0), (0.19, 0.12)), expected)
     drag((0.5, 0.5), (0.5, 0.5))
     np.testing.assert_allclose(drag((0.5, 0.5), (0.6, 0.5), (0.6, 0.5)), expected + np.array((0.1, 0)))
     assert stage.session.placing.selected == "whole picture"
     stage.press("u")
-    np.testing.assert_allclose(stage.session.placing.corners, expected)  # a drag is taken back as one
+    np.testing.assert_allclose(stage.session.placing.corners, expected)  # one undo reverts a whole drag
     stage.press("u")
     np.testing.assert_allclose(stage.session.placing.corners, SQUARE)
     assert stage.press("u") == "nothing to take back"
-    stage.commands.set("view", "projector")  # whose points the stage's room doubles into the camera's view
+    stage.commands.set("view", "projector")  # the stage's room doubles positions from this view to the camera's view
     drag((0.5, 0.5), (0.45, 0.45), (0.45, 0.45))
     np.testing.assert_allclose(stage.session.placing.corners[2], (0.9, 0.9))
 
@@ -281,7 +282,7 @@ def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> No
     assert broken.released
     assert stage.session.renderer is old
     assert not stage.screen.released
-    assert len(stage.screen.uploaded) == uploaded + 1  # the frame that the new one could not draw
+    assert len(stage.screen.uploaded) == uploaded + 1  # the frame that the new renderer could not draw
     assert stage.session.stats.notices == ["not reloaded: KeyError('scale')"]
 
 
@@ -318,11 +319,11 @@ def test_brackets_halve_and_double_the_steps(stage: Stage) -> None:
 def test_steps_that_follow_the_frame_time_are_counted() -> None:
     still = Stage(Reader(still=True), refine="auto", usual=8)
     still.advance(0.05)
-    assert still.screen.steps[-1] == 8  # a single frame has no next one to make more steps in
+    assert still.screen.steps[-1] == 8  # a still has no next frame to continue in
     stage = Stage(Reader(rate=1 / 3600), refine="auto")
     stage.show.step()
     stage.advance(0.4)
-    assert stage.screen.steps[:6] == [1, 2, 3, 4, 5, 6]  # nothing here takes an hour
+    assert stage.screen.steps[:6] == [1, 2, 3, 4, 5, 6]  # steps cost no time on the stage
     assert stage.commands.get("refine") == "auto"
     stage.commands.set("refine", 5)
     stage.advance(0.12)

@@ -1,4 +1,4 @@
-"""Settings, options and playlists: names, values, files, and what is said when one is wrong."""
+"""Settings, options and playlists: names, values, files, error messages."""
 
 from pathlib import Path
 
@@ -94,7 +94,7 @@ def test_where_settings_are_looked_for(config: Path, tmp_path: Path, monkeypatch
     assert default_path({"XDG_CONFIG_HOME": "/x"}, Path("/home/a")) == Path("/x/counterlight/player.toml")
     assert default_path({}, Path("/home/a")) == Path("/home/a/.config/counterlight/player.toml")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert read_options(["room", "a"], "").refine is None  # none there: no complaint
+    assert read_options(["room", "a"], "").refine is None  # no such file: no complaint
     (tmp_path / "counterlight").mkdir()
     (tmp_path / "counterlight" / "player.toml").write_text("refine = 3")
     assert read_options(["room", "a"], "").refine == 3

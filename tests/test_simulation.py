@@ -1,4 +1,4 @@
-"""The simulator: closed forms, independent recomputation, and effects that run only when the scene calls for them."""
+"""The simulator: closed forms, independent recomputation, and effects that run only if the scene needs them."""
 
 import subprocess
 import sys
@@ -104,7 +104,7 @@ def test_thinned_rows_keep_their_light() -> None:
 
 
 def test_an_effect_that_is_off_leaves_the_transport_bit_identical() -> None:
-    """A second card behind the first plane's back calls for nothing, and changes nothing."""
+    """A second card behind the back of the first plane needs no effect, and changes nothing."""
     scene = small("wall")
     moved = replace(flat(scene, 0), corner=flat(scene, 0).corner - [0, 0, 1.0])
     behind = replace(scene.surfaces[0], name="behind", shape=moved)
@@ -245,7 +245,7 @@ def test_devices_that_see_nothing(tmp_path: Path) -> None:
 def test_a_matrix_that_would_not_fit_is_refused_when_that_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     row, column = (np.repeat(np.arange(10), 40), np.tile(np.arange(40), 10))
     tenth = 400 * assembly.BYTES_AN_ENTRY
-    for most, fits in ((5.6 * tenth, True), (5.4 * tenth, False)):  # a tenth, and nine tenths of half its length
+    for most, fits in ((5.6 * tenth, True), (5.4 * tenth, False)):  # a tenth, and nine tenths of half the length
         monkeypatch.setattr(assembly, "MAX_BYTES", int(most))
         near = assembly.NearLight((100, 50), 0.0, "blurred")
         if fits:
@@ -270,7 +270,7 @@ def test_the_command_writes_a_calibration(tmp_path: Path, name: str, has_far: bo
 
 
 def test_compensating_the_corner_takes_the_far_light_out(tmp_path: Path) -> None:
-    """The issue's promise on a small corner: at least 8 dB more than the plain projection, through the whole T."""
+    """The requirement on a small corner: at least 8 dB more than plain projection, through the whole T."""
     room = tmp_path / "corner"
     succeed("simulate", SCENES / "corner.toml", "-o", room, "--camera", "120x68", "--projector", "96x54")
     succeed("build", room)

@@ -1,4 +1,4 @@
-"""Crosstalk in the simulator, against light followed primary by primary."""
+"""Crosstalk in the simulator, against light computed primary by primary."""
 
 import re
 from dataclasses import replace
@@ -27,7 +27,7 @@ PAINT = f"albedo = [0.6, 0.5, 0.4]\noverlap = {OVERLAP}"
 
 
 def both(scene: Scene) -> tuple[Simulated, Simulated]:
-    """With crosstalk and without."""
+    """Return the room with crosstalk and without."""
     return simulate(scene), simulate(scene, without=["crosstalk"])
 
 
@@ -65,7 +65,7 @@ def photographed(source: Path, drive: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("stored", [False, True])
 def test_a_simulated_camera_photographs_colours(tmp_path: Path, rng: np.random.Generator, stored: bool) -> None:
-    """Of a scene by all nine matrices, of a calibration by its floodlights."""
+    """A scene is photographed through all nine matrices, a calibration through its floodlights."""
     scene, path = coloured(tmp_path), tmp_path / "scene.toml"
     _, plain = both(scene)
     codes = rng.integers(0, 256, (12, 16, 3)).astype(np.uint8)
@@ -109,7 +109,7 @@ def test_a_mixing_that_is_none_is_refused(tmp_path: Path, line: str, complaint: 
 
 
 def test_the_commands_keep_and_say_the_tier(tmp_path: Path) -> None:
-    """From a scene to what is played: the floodlights of the primaries are in the calibration."""
+    """The calibration from a scene contains the floodlights of the primaries, and playback uses them."""
     path = tmp_path / "scene.toml"
     scene_file(tmp_path, plane(extra=PAINT), camera=MIXING)
     assert "crosstalk         on " in succeed("simulate", path, "-o", tmp_path / "room")
@@ -129,7 +129,7 @@ def test_the_commands_keep_and_say_the_tier(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("colour", "knows"), [("independent", False), ("pixel", True)])
 def test_verify_predicts_colours_if_it_knows_the_primaries(tmp_path: Path, colour: str, knows: bool) -> None:
-    """By a camera without noise of 16 bits, whose rounding is 100 dB below white."""
+    """A noise-free 16-bit camera has rounding 100 dB below white."""
     path = scene_file(tmp_path, plane(extra=PAINT), camera=MIXING)
     succeed("simulate", path, "-o", tmp_path / "room")
     y, x = np.mgrid[:14, :20] / 20

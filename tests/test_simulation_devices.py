@@ -1,4 +1,4 @@
-"""Devices that bend, filter and flicker, against OpenCV, fluxes and integrals."""
+"""Lens distortion, colour filters and flicker, against OpenCV, fluxes and integrals."""
 
 import re
 from dataclasses import replace
@@ -31,7 +31,7 @@ WHITE = "albedo = [1, 1, 1]"
 
 
 def bent(tmp_path: Path, device: str, surfaces: str = "") -> Scene:
-    """A white plane before two wide lenses, one of which bends."""
+    """Return a white plane before two wide lenses, one of them distorted."""
     scene = load_scene(scene_file(tmp_path, surfaces or plane(extra=WHITE), fov="60"))
     camera = replace(scene.camera, tan_half=(0.7, 0.49))
     scene = replace(scene, camera=camera)
@@ -39,7 +39,7 @@ def bent(tmp_path: Path, device: str, surfaces: str = "") -> Scene:
 
 
 def opencv(device: Device) -> tuple[FloatArray, FloatArray]:
-    """K and the coefficients; OpenCV's pixel (0, 0) is the upper left pixel's centre, ours its corner."""
+    """Return K and the coefficients. OpenCV's (0, 0) is the upper left pixel's centre; our (0, 0) is its corner."""
     fx, fy = device.width / 2 / device.tan_half[0], device.height / 2 / device.tan_half[1]
     K = np.array([[fx, 0, device.width / 2], [0, fy, device.height / 2], [0, 0, 1]])
     return K, np.array(device.distortion)
@@ -55,12 +55,12 @@ def test_a_lens_bends_as_opencv_says(tmp_path: Path, rng: np.random.Generator, d
     points = lens.position + places @ np.stack([lens.right, -lens.up, lens.forward])
     found = np.stack(lens.project(points)[:2], axis=1)
     np.testing.assert_allclose(found, expected[:, 0], atol=1e-9)
-    across, up = lens.direction_of(*found.T)  # and back, of each that the lens shows
+    across, up = lens.direction_of(*found.T)  # back again, for each direction that the lens shows
     np.testing.assert_allclose(np.stack([across, -up], axis=1), places[:, :2], atol=1e-8)
 
 
 def test_what_lies_beyond_the_turn_is_not_shown(tmp_path: Path) -> None:
-    """Where the polynomial comes back to the picture, OpenCV shows what is there a second time."""
+    """Beyond the polynomial's turn, OpenCV shows the same directions a second time. The simulator shows nothing."""
     scene = bent(tmp_path, "camera")
     coefficients = (-0.32, 0.0, 0.0, 0.0, 0.0)
     scene = distorted(replace(scene, camera=replace(scene.camera, tan_half=(0.4, 0.28), distortion=coefficients)))
@@ -81,7 +81,7 @@ def test_a_lens_that_does_not_reach_its_corner_is_refused(tmp_path: Path) -> Non
 
 
 def test_a_camera_sees_what_opencv_remaps(tmp_path: Path) -> None:
-    """A smooth picture, seen finely through a straight lens and bent by OpenCV's way from pixel to direction."""
+    """A straight lens's picture, distorted by OpenCV's mapping, equals the view of the distorted lens."""
     scene = replace(bent(tmp_path, "camera"), samples=4)
     y, x = np.mgrid[:12, :16] / 12
     drive = np.repeat((0.5 + 0.3 * np.sin(2 * x) * np.cos(3 * y)).reshape(-1, 1), 3, axis=1)
@@ -90,13 +90,13 @@ def test_a_camera_sees_what_opencv_remaps(tmp_path: Path) -> None:
     picture = simulate(replace(scene, camera=fine, samples=1)).transport.apply(drive).reshape(400, 500, 3)
     K, coefficients = opencv(scene.camera)
     centres = np.stack(np.meshgrid(np.arange(20) + 0.5, np.arange(14) + 0.5), axis=-1).reshape(-1, 1, 2)
-    normal = cv2.undistortPoints(centres, K, coefficients)  # it stops after five rounds
+    normal = cv2.undistortPoints(centres, K, coefficients)  # OpenCV stops after five iterations
     for _ in range(50):
         ahead = np.concatenate([normal, np.ones((280, 1, 1))], axis=2)
         normal += (centres - cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), K, coefficients)[0]) / K[0, 0]
     normal = normal.reshape(14, 20, 2)
     places = [(normal[..., i] / fine.tan_half[i] + 1) * (500, 400)[i] / 2 - 0.5 for i in range(2)]
-    blurred = cv2.blur(picture, (25, 29))  # about a camera pixel of the straight one
+    blurred = cv2.blur(picture, (25, 29))  # about one camera pixel of the straight lens
     expected = cv2.remap(blurred, *(place.astype(np.float32) for place in places), cv2.INTER_LINEAR)
     whole = (seen > 0.2).all(axis=-1) & (cv2.erode((expected > 0.2).astype(np.uint8), np.ones((3, 3)))[..., 0] > 0)
     assert whole.sum() > 60
@@ -104,22 +104,26 @@ def test_a_camera_sees_what_opencv_remaps(tmp_path: Path) -> None:
 
 
 def test_each_projector_pixel_carries_the_same_light(tmp_path: Path) -> None:
-    """Where the lens crowds pixels the wall is brighter: what arrives is what was sent, pixel by pixel, both ways."""
+    """Where the lens crowds pixels, the wall is brighter.
+
+    Each pixel carries the light that was sent, in both traces.
+    """
     scene = bent(tmp_path, "projector")
     scene = replace(scene, camera=replace(scene.camera.resized(400, 480), tan_half=(1.2, 1.0)), samples=2)
     landed = simulate(scene).transport.near
     light = np.bincount(landed.indices, landed.weights[:, 1], landed.columns) * scene.camera.pixel_area * 4  # 2 m away
     straight = scene.projector.pixel_area * 4  # a card there has radiance 1: π of irradiance
-    # 800 samples a pixel; a line of them more or less is 3 %. Evenly lit, the corner's would have twice as much.
+    # 800 samples per pixel; one line of samples is 3 %. With even irradiance, the corner pixel would have twice the
+    # light.
     np.testing.assert_allclose(light, straight, rtol=0.05)
     assert light.reshape(12, 16)[:, [0, -1]].mean() == pytest.approx(straight, rel=0.005)
 
 
 def test_what_is_traced_forward_lands_where_it_is_seen(tmp_path: Path) -> None:
-    """Flux that lands on parts of the wall against the irradiance there; barrel distortion: more in the corners."""
+    """Flux that lands on parts of the wall agrees with the irradiance there. Barrel distortion crowds the corners."""
     scene = bent(tmp_path, "projector")
     scene = distorted(replace(scene, projector=scene.projector.resized(120, 160)))
-    edges = np.linspace(-1.2, 1.2, 9)  # metres, of a wall 2 m away
+    edges = np.linspace(-1.2, 1.2, 9)  # metres, on a wall 2 m away
     landed = np.zeros((8, 8))
     for each in deposits(scene, EffectsOn(needs_of(scene))):
         landed += np.histogram2d(*each.point.T[:2], bins=(edges, edges), weights=each.flux[:, 0])[0]
@@ -131,17 +135,17 @@ def test_what_is_traced_forward_lands_where_it_is_seen(tmp_path: Path) -> None:
     whole = shown.reshape(8, 20, 8, 20).all(axis=(1, 3))
     assert whole.sum() >= 20
     assert light[shown].max() > 1.5 * light[shown].min()
-    np.testing.assert_allclose(landed[whole], here[whole], rtol=0.02)  # lines of beams on edges of parts
+    np.testing.assert_allclose(landed[whole], here[whole], rtol=0.02)  # lines of beams at the edges of parts
 
 
 @pytest.mark.parametrize("mosaic", MOSAICS)
 def test_colours_between_filters_are_opencvs(mosaic: str, rng: np.random.Generator) -> None:
-    """Away from the border, where OpenCV repeats what it has."""
+    """Interior pixels agree. At the border, OpenCV repeats pixels."""
     picture = rng.integers(0, 60000, (12, 14, 3)).astype(np.uint16)
     sites = np.array(["RGB".index(colour) for colour in mosaic]).reshape(2, 2)
     y, x = np.mgrid[:12, :14]
     raw = np.take_along_axis(picture, sites[y % 2, x % 2][..., None], axis=2)[..., 0]
-    second = {"RGGB": "BG", "BGGR": "RG", "GRBG": "GB", "GBRG": "GR"}[mosaic]  # OpenCV names them from (1, 1)
+    second = {"RGGB": "BG", "BGGR": "RG", "GRBG": "GB", "GBRG": "GR"}[mosaic]  # OpenCV names patterns from pixel (1, 1)
     expected = cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{second}2RGB"))
     found = interpolated(mosaic, picture.astype(np.float64))
     np.testing.assert_allclose(found[1:-1, 1:-1], expected[1:-1, 1:-1], atol=1)
@@ -150,7 +154,7 @@ def test_colours_between_filters_are_opencvs(mosaic: str, rng: np.random.Generat
 
 
 def test_filters_are_in_the_transport(rng: np.random.Generator) -> None:
-    """Of near and far light, ambient light and the primaries' floodlights."""
+    """The filters act on near and far light, ambient light and the primaries' floodlights."""
     scene = small("corner")
     mixing = np.array([[0.9, 0.1, 0.0], [0.05, 0.9, 0.05], [0.0, 0.1, 0.9]])
     scene = replace(scene, cells=120, camera=replace(scene.camera, mixing=mixing))
@@ -166,7 +170,7 @@ def test_filters_are_in_the_transport(rng: np.random.Generator) -> None:
 
 
 def test_a_camera_with_filters_takes_pictures_of_that_transport(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Noise falls on pixels that see a colour; the others have the mean of two or four of it."""
+    """Pixels that see a colour have noise. The other pixels have the mean of two or four noisy neighbours."""
     path = scene_file(tmp_path, plane(extra=WHITE), camera='mosaic = "RGGB"')
     scene, codes = load_scene(path), rng.integers(0, 256, (12, 16, 3)).astype(np.uint8)
     found = simulate(scene)
@@ -179,7 +183,7 @@ def test_a_camera_with_filters_takes_pictures_of_that_transport(tmp_path: Path, 
     spread = np.std([noisy.exposures.radiance(noisy.capture(i, white))[1:-1, 1:-1] for i in range(100)], axis=0)
     y, x = np.mgrid[1:13, 1:19]
     own, straight, across = (spread[(y % 2 == i) & (x % 2 == j), 0].mean() for i, j in ((0, 0), (0, 1), (1, 1)))
-    # 54 pixels of 100 pictures each: 1 %; the mean of two has 1/√2 of the noise, of four half.
+    # 54 pixels of 100 pictures each: 1 %. The mean of two has 1/√2 of the noise, the mean of four has half.
     np.testing.assert_allclose([straight / own, across / own], [np.sqrt(0.5), 0.5], rtol=0.04)
 
 
@@ -207,11 +211,11 @@ def test_pictures_flicker_and_t_does_not(tmp_path: Path) -> None:
     assert ratios.std() == pytest.approx(swing / np.sqrt(2), rel=0.1)  # 200 phases
     assert ratios.max() <= 1 + swing + 1e-3
     again = camera.exposures.radiance(camera.capture(7, white))
-    np.testing.assert_array_equal(again, pictures[7])  # capture n always has the same
+    np.testing.assert_array_equal(again, pictures[7])  # capture n always has the same phase
 
 
 def test_acquire_notices_a_projector_that_flickers(tmp_path: Path) -> None:
-    """Unless pictures take whole periods; what is measured first finds it first."""
+    """Acquisition warns unless exposures take whole periods. The first measurement detects the flicker."""
     light, room = "flicker = { depth = 0.1, hz = 100 }", tmp_path / "room"
     for seconds, status, told in ((0.004, 2, r"error: (flicker|exposure): "), (0.01, 0, r"flicker     good ")):
         sensor = f"sensor = {{ exposure_s = {seconds}, bits = 14 }}"

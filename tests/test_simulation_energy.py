@@ -1,4 +1,4 @@
-"""What holds for the light of every room: conservation, reciprocity, linearity, and a rendering that knows no T."""
+"""Laws for the light of every room: conservation, reciprocity, linearity, and a rendering without T."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from tests.scenes import flat, plane, rectangle, scene_file, small
 
 FloatArray = NDArray[np.float64]
 D = TypeVar("D", bound=Device)
-FACES = (  # a closed box around the origin, corner and edges of each face
+FACES = (  # a closed box around the origin: corner and edges of each face
     ([-1, -1, -1], [2, 0, 0], [0, 2, 0]),
     ([-1, -1, 1], [2, 0, 0], [0, 2, 0]),
     ([-1, -1, -1], [0, 2, 0], [0, 0, 2]),
@@ -29,7 +29,7 @@ FACES = (  # a closed box around the origin, corner and edges of each face
 
 
 def box(tmp_path: Path, albedo: float, cells: int = 300) -> Scene:
-    """A closed Lambertian box of side 2 with projector and camera inside."""
+    """Return a closed Lambertian box of side 2 with projector and camera inside."""
     text = "".join(rectangle(*face, albedo) for face in FACES)  # type: ignore[arg-type]
     path = scene_file(tmp_path, text, fov="80")
     path.write_text(path.read_text().replace("position = [0, 0, 2]", "position = [0.1, 0.2, 0.3]"))
@@ -37,17 +37,17 @@ def box(tmp_path: Path, albedo: float, cells: int = 300) -> Scene:
 
 
 def test_in_a_closed_box_bounces_are_the_geometric_series(tmp_path: Path) -> None:
-    """Even light E on walls of albedo ρ: every bounce returns a share ρ, H = E (ρ + ρ² + …) = E ρ / (1 − ρ)."""
+    """Even light E on walls of albedo ρ: each bounce returns the share ρ, so H = E (ρ + ρ² + …) = E ρ / (1 − ρ)."""
     scene = box(tmp_path, 0.7)
     factors = form_factors(scene.surfaces, cut_into_cells(scene.surfaces, scene.cells))
     assert factors.sum(axis=1).max() <= 1 + 1e-12
-    np.testing.assert_allclose(factors.sum(axis=1), 1, atol=3e-3)  # near cells from nine points, far from one
+    np.testing.assert_allclose(factors.sum(axis=1), 1, atol=3e-3)  # nine points for near cells, one point for far cells
     H = mixed(factors, np.full((len(factors), 3), 0.7)).sum(axis=2)
-    np.testing.assert_allclose(H, 0.7 / 0.3, rtol=3e-3 / 0.3)  # what a bounce misses, 1 / (1 − ρ) times
+    np.testing.assert_allclose(H, 0.7 / 0.3, rtol=3e-3 / 0.3)  # the error of a bounce, times 1 / (1 − ρ)
 
 
 def test_a_closed_box_absorbs_what_is_sent(tmp_path: Path) -> None:
-    """Σ A (1 − ρ) (E + H), what the walls keep of direct and indirect light, is the projector's flux."""
+    """The walls keep Σ A (1 − ρ) (E + H) of direct and indirect light, which is the projector's flux."""
     scene = box(tmp_path, 0.8)
     far = simulate(scene).transport.far
     assert far is not None
@@ -57,11 +57,11 @@ def test_a_closed_box_absorbs_what_is_sent(tmp_path: Path) -> None:
         kept = areas @ (0.2 * (direct + far.mix[1] @ direct))
         sent = areas @ direct
         assert sent > 0
-        assert kept == pytest.approx(sent, rel=0.02)  # exchange is reciprocal to 6 % between neighbours at an edge
+        assert kept == pytest.approx(sent, rel=0.02)  # neighbours at an edge are reciprocal within 6 %
 
 
 def test_one_pixel_sends_the_flux_of_the_even_light(tmp_path: Path) -> None:
-    """π · brightness · z₀² times the pixel's area at depth 1; and a plane's irradiance adds up to the same."""
+    """The flux is π · brightness · z₀² times the pixel's area at depth 1. A plane's irradiance has the same sum."""
     scene = box(tmp_path, 0.8)
     far = simulate(scene).transport.far
     assert far is not None
@@ -72,14 +72,14 @@ def test_one_pixel_sends_the_flux_of_the_even_light(tmp_path: Path) -> None:
 
 
 def test_a_ball_over_a_small_card(tmp_path: Path) -> None:
-    """From a small area towards a ball of radius R whose centre is at height h above it: F = (R/h)²."""
+    """From a small area to a ball of radius R with its centre at height h above it: F = (R/h)²."""
     ball = '[[surfaces]]\nshape = "sphere"\ncentre = [0, 0, 1.2]\nradius = 0.4\nalbedo = [0.5, 0.5, 0.5]\n'
     card = rectangle([-0.05, -0.05, 0], [0.1, 0, 0], [0, 0.1, 0])
     scene = load_scene(scene_file(tmp_path, card + ball))
     grids = cut_into_cells(scene.surfaces, 900)
     factors = form_factors(scene.surfaces, grids)
     to_ball = factors[grids[0].numbers, grids[1].numbers].sum(axis=1)
-    np.testing.assert_allclose(to_ball, (0.4 / 1.2) ** 2, rtol=0.02)  # cells of the ball's outline are cut off in part
+    np.testing.assert_allclose(to_ball, (0.4 / 1.2) ** 2, rtol=0.02)  # cells at the ball's outline are partly cut off
     areas = np.concatenate([grid.areas for grid in grids])
     exchange = areas[:, None] * factors
     np.testing.assert_allclose(exchange, exchange.T, atol=1e-15)  # reciprocal by construction
@@ -87,7 +87,10 @@ def test_a_ball_over_a_small_card(tmp_path: Path) -> None:
 
 
 def test_a_card_of_triangles_is_a_card(tmp_path: Path) -> None:
-    """The same corner, one card from a mesh: direct light to rounding, far light as near as cells by points are."""
+    """One card of the corner becomes a mesh.
+
+    Direct light agrees to rounding, far light within the error of point sampling.
+    """
     scene = replace(small("corner"), cells=250)
     card = flat(scene, 0)
     n = 24
@@ -105,7 +108,7 @@ def test_a_card_of_triangles_is_a_card(tmp_path: Path) -> None:
     both = [simulate(s).transport for s in (scene, replace(scene, surfaces=(other, scene.surfaces[1])))]
     direct = [channel(T.near, 0).toarray() for T in both]
     different = np.abs(direct[0] - direct[1]) > 1e-5 * direct[0].max()
-    assert different.mean() < 1e-4  # rays within float32 of an edge go to either side
+    assert different.mean() < 1e-4  # rays within float32 of an edge may hit either side
     far = [T.composition()[:, 0] - d.sum(axis=1) for T, d in zip(both, direct, strict=True)]
     assert far[1].sum() == pytest.approx(far[0].sum(), rel=0.03)
     assert np.abs(far[1] - far[0]).max() < 0.15 * far[0].max()
@@ -113,10 +116,10 @@ def test_a_card_of_triangles_is_a_card(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["corner", "statuette"])
 def test_camera_and_projector_can_be_exchanged(name: str) -> None:
-    """Helmholtz: with the devices in each other's place T is transposed, up to what a pixel of each stands for.
+    """Helmholtz: exchanging the devices transposes T, up to factors of their pixels.
 
-    T_ij = Σ dA g_c g_p ρ brightness z₀² / a_c, g of camera and projector alike and a_c a camera pixel's area at depth 1
-    (even light, projector_side.py): so T a_c / z₀² is symmetric under exchange.
+    T_ij = Σ dA g_c g_p ρ brightness z₀² / a_c, with g of camera and projector alike and a_c the camera pixel's area at
+    depth 1 (even light, projector_side.py). So T a_c / z₀² is symmetric under the exchange.
     """
     scene = replace(small(name, (24, 32), (24, 32)), samples=8, cells=200)
     swapped = replace(
@@ -134,8 +137,8 @@ def test_camera_and_projector_can_be_exchanged(name: str) -> None:
             far = channel(transport.far.scatter, 1) @ transport.far.mix[1] @ channel(transport.far.gather, 1).toarray()
             pair[-1] = pair[-1] + unit * probes.T @ far @ probes
     largest = pair[0].max()
-    assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # blocks of 8 x 8 pixels, 64 rays a pixel
-    assert np.abs(pair[0] - pair[0].T).max() > 0.1 * largest  # which a symmetric room would make no test
+    assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # blocks of 8 x 8 pixels, 64 rays per pixel
+    assert np.abs(pair[0] - pair[0].T).max() > 0.1 * largest  # a symmetric room would prove nothing
 
 
 def moved(device: D, place: Device) -> D:
@@ -144,7 +147,7 @@ def moved(device: D, place: Device) -> D:
 
 
 def blocks(height: int, width: int, size: int) -> FloatArray:
-    """Indicators (pixels, blocks) of blocks of pixels."""
+    """Return indicators (pixels, blocks) of blocks of pixels."""
     y, x = np.divmod(np.arange(height * width), width)
     block = (y // size) * (width // size) + x // size
     return np.asarray(block[:, None] == np.arange(block.max() + 1), np.float64)
@@ -160,7 +163,7 @@ def test_the_room_is_linear_in_the_picture_and_in_the_paint(rng: np.random.Gener
 
 
 def test_floodlight_rendered_pixel_by_pixel(tmp_path: Path) -> None:
-    """A ball before a plane, its shadow included, ray by ray with formulas of its own: no T, no shapes, no bands."""
+    """A ball and its shadow on a plane, rendered ray by ray with independent formulas: no T, no shapes, no bands."""
     ball = '[[surfaces]]\nshape = "sphere"\ncentre = [0.1, 0.05, 0.6]\nradius = 0.15\nalbedo = [0.9, 0.5, 0.3]\n'
     path = scene_file(tmp_path, plane(tilt=0.2) + ball + "[ambient]\nirradiance = [0.3, 0.2, 0.1]\n")
     path.write_text(path.read_text().replace("position = [0, 0, 2]", "position = [0.4, 0.3, 2]", 1))
@@ -179,7 +182,7 @@ CENTRE, RADIUS = np.array([0.1, 0.05, 0.6]), 0.15
 
 
 def rendered(x: int, y: int) -> FloatArray:
-    """Radiance (3, [of white, of ambient light]) of one camera pixel, the mean of 2 × 2 rays."""
+    """Return radiance (3, [white, ambient light]) of one camera pixel, the mean of 2 × 2 rays."""
     total = np.zeros((3, 2))
     half = np.tan(np.radians(10))
     for sx in (0.25, 0.75):
@@ -198,7 +201,7 @@ def rendered(x: int, y: int) -> FloatArray:
 
 
 def first_meeting(start: FloatArray, ray: FloatArray) -> float | None:
-    """Where a ray meets the ball, in lengths of the ray: by the triangle of centre, foot and meeting."""
+    """Return where a ray meets the ball, in ray lengths, from the triangle of centre, foot and meeting point."""
     length = float(np.linalg.norm(ray))
     foot = float((CENTRE - start) @ ray) / length
     height = float(np.linalg.norm(start + foot * ray / length - CENTRE))
@@ -208,7 +211,7 @@ def first_meeting(start: FloatArray, ray: FloatArray) -> float | None:
 
 
 def light_at(point: FloatArray, normal: FloatArray) -> float:
-    """Irradiance of the even picture of a projector that looks at the origin, 30° wide and 16 : 12."""
+    """Return the irradiance of an even picture. The projector looks at the origin, 30° wide and 16 : 12."""
     axis = -LIGHT / np.linalg.norm(LIGHT)
     right = np.cross(axis, [0, 1, 0]) / np.linalg.norm(np.cross(axis, [0, 1, 0]))
     beam = point - LIGHT

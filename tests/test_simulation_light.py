@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 
 def parallel_squares(side: float, distance: float) -> float:
-    """Two aligned parallel squares (Howell's catalogue C-11)."""
+    """Return two aligned parallel squares (Howell's catalogue C-11)."""
     x = side / distance
     root = np.sqrt(1 + x**2)
     inner = (
@@ -45,7 +45,7 @@ def far_light(scene: Scene) -> FarLight:
 
 
 def total_factor(scene: Scene) -> float:
-    """From the first surface as a whole to the second, from the cells' factors."""
+    """Return the form factor from the first surface as a whole to the second, from the cells' factors."""
     grids, factors = cells_and_factors(scene)
     first, second = grids
     return float(factors[: first.count, second.first :].sum(axis=1).mean())
@@ -55,10 +55,10 @@ def test_parallel_squares(tmp_path: Path) -> None:
     below = rectangle([-0.5, -0.5, 0], [1, 0, 0], [0, 1, 0])
     above = rectangle([-0.5, -0.5, 3], [1, 0, 0], [0, 1, 0])
     scene = load_scene(scene_file(tmp_path, below + above))
-    # The camera stands between them, so each shows it its face.
+    # The camera stands between the surfaces, so each surface faces it.
     assert total_factor(replace(scene, cells=200)) == pytest.approx(
         parallel_squares(1, 3), rel=2e-3
-    )  # 3×3 points a cell
+    )  # 3×3 points per cell
 
 
 def test_perpendicular_squares_that_share_an_edge(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_reciprocity_and_energy_of_the_corner() -> None:
     areas = np.concatenate([grid.areas for grid in grids])
     exchange = areas[:, None] * factors
     far = np.abs(exchange - exchange.T).max() / exchange.max()
-    assert far < 0.06  # 3×3 points a cell; worst between cells that touch at the fold
+    assert far < 0.06  # 3×3 points per cell; the worst cells touch at the fold
     assert factors.sum(axis=1).max() < 1
 
 
@@ -100,7 +100,8 @@ def test_bounces_are_the_geometric_series(rng: np.random.Generator) -> None:
         series, term = np.zeros((6, 6)), factors @ reflect
         for _ in range(200):
             series, term = series + term, factors @ reflect @ term
-        np.testing.assert_allclose(M[i], series, rtol=1e-10)  # the spectral radius is below 0.6: 0.6²⁰⁰ is nothing
+        # the spectral radius is below 0.6, and 0.6²⁰⁰ is negligible
+        np.testing.assert_allclose(M[i], series, rtol=1e-10)
 
 
 # Direct light
@@ -119,7 +120,7 @@ def test_a_plane_has_the_radiance_of_the_closed_form(tmp_path: Path, tilt: float
         depth = -(normal @ [0, 0, 2.0]) / (normal @ ray)
         cos_surface = -(ray @ normal) / np.linalg.norm(ray)
         expected = (2 / depth) ** 2 * cos_surface * np.linalg.norm(ray)
-        np.testing.assert_allclose(image[y, x], expected * np.array([0.5, 0.6, 0.7]), rtol=2e-3)  # 4×4 rays a pixel
+        np.testing.assert_allclose(image[y, x], expected * np.array([0.5, 0.6, 0.7]), rtol=2e-3)  # 4×4 rays per pixel
 
 
 def test_a_white_card_has_the_brightness_and_light_falls_with_the_square(tmp_path: Path) -> None:
@@ -147,9 +148,10 @@ def test_the_wall_is_warped_as_its_homography_says() -> None:
     mapped = mapped[:, :2] / mapped[:, 2:]
     inside = np.all((mapped > 1) & (mapped < [79, 47]), axis=1)
     assert inside.mean() > 0.9
-    assert np.abs(mapped[inside] - np.stack([seen_x, seen_y], axis=1)[inside]).max() < 0.6  # a pixel is a box 1 wide
+    # a pixel is a box of width 1
+    assert np.abs(mapped[inside] - np.stack([seen_x, seen_y], axis=1)[inside]).max() < 0.6
     angle = np.abs(H / H[2, 2] - np.eye(3))[2, :2].max()
-    assert angle > 1e-4  # and it is a true perspective warp
+    assert angle > 1e-4  # the warp is a true perspective
 
 
 def homography(source: FloatArray, target: FloatArray) -> FloatArray:
@@ -164,7 +166,8 @@ def test_shadows_are_cast(tmp_path: Path) -> None:
     path = scene_file(tmp_path, plane() + screen)
     scene = load_scene(path)
     assert needs_of(scene)["shadows"].on
-    moved = replace(scene, camera=replace(scene.camera, position=np.array([0.5, 0.0, 2.0])))  # sees behind the card
+    # the camera sees behind the card
+    moved = replace(scene, camera=replace(scene.camera, position=np.array([0.5, 0.0, 2.0])))
     lit = channel(simulate(moved).transport.near, 0).sum(axis=1).reshape(14, 20)
     assert (lit == 0).any()
     assert (lit > 0).any()
@@ -174,7 +177,7 @@ def test_shadows_are_cast(tmp_path: Path) -> None:
 
 
 def test_the_floodlit_corner_equals_bounces_computed_one_by_one() -> None:
-    """Radiosity by iteration from the direct light on the cells, then each camera ray looks the result up."""
+    """Iterated radiosity from the direct light on the cells, read by each camera ray, agrees."""
     scene = replace(small("corner", (14, 24), (12, 20)), cells=60, samples=2)
     far = far_light(scene)
     grids, factors = cells_and_factors(scene)
@@ -203,7 +206,7 @@ def test_the_floodlit_corner_equals_bounces_computed_one_by_one() -> None:
 
 
 def test_every_projector_pixel_carries_the_same_flux() -> None:
-    """What lands on the cells is what the even light sends; direct and far light share one unit."""
+    """The light that lands on the cells equals the even light sent. Direct and far light share one unit."""
     scene = replace(small("corner"), cells=120)
     far = far_light(scene)
     grids = cut_into_cells(scene.surfaces, scene.cells)
@@ -218,17 +221,17 @@ def test_every_projector_pixel_carries_the_same_flux() -> None:
         whole = ((x > 0) & (x < 40) & (y > 0) & (y < 24)).reshape(grid.count, -1).all(axis=1)
         exact = irradiance(scene, points, normals).reshape(grid.count, -1).mean(axis=1)
         assert whole.sum() > 10
-        # A cell is hit by about 30 beams: a row of them more or less is 15 %; on average they agree.
+        # About 30 beams hit a cell, so one row of beams is 15 %. The average agrees.
         np.testing.assert_allclose(direct[inside][whole], exact[whole], rtol=0.35)
         assert direct[inside][whole].mean() == pytest.approx(exact[whole].mean(), rel=0.02)
 
 
 def test_no_room_returns_more_than_it_gets() -> None:
-    """Two white cards: radiosity stays below what a closed white room would need, and the far light is positive."""
+    """Two white cards: radiosity stays below a closed white room's need, and the far light is positive."""
     scene = small("corner")
     result = simulate(scene)
     assert result.transport.far is not None
-    lost = 1 - result.transport.far.mix.sum(axis=2)  # indirect per uniform direct light of 1
+    lost = 1 - result.transport.far.mix.sum(axis=2)  # indirect light per unit of uniform direct light
     assert lost.max() < 1
     assert channel(result.transport.near, 0).data.min() >= 0
     assert result.transport.far.mix.min() >= 0

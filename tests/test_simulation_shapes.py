@@ -1,4 +1,4 @@
-"""Shapes: where rays meet them, against each other and against closed forms."""
+"""Shapes: ray intersections, compared with each other and with closed forms."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -67,7 +67,7 @@ SHAPES: dict[str, Callable[[], Shape]] = {
 
 
 def rays_at(rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
-    """Origins on a sphere of radius 3, directions of any length to points near the origin."""
+    """Return origins on a sphere of radius 3, and directions of any length to points near the origin."""
     origins = rng.normal(size=(count, 3))
     origins *= 3 / np.linalg.norm(origins, axis=1, keepdims=True)
     return origins, (rng.uniform(-0.6, 0.6, (count, 3)) - origins) * rng.uniform(0.1, 2, (count, 1))
@@ -80,7 +80,7 @@ def test_what_a_ray_meets_is_the_place_it_names(name: str, rng: np.random.Genera
     met = shape.meet(origins, directions)
     assert met.ray.size > 100
     points = origins[met.ray] + met.distance[:, None] * directions[met.ray]
-    # A lathe's and a relief's fields are cut into triangles, at() is bilinear: they differ by the fields' twist.
+    # Lathes and reliefs are cut into triangles, while at() is bilinear. The difference is the twist of a field.
     close = 4e-3 if isinstance(shape, Triangles) else 1e-12
     np.testing.assert_allclose(shape.at(met.u, met.v), points, atol=close)
     np.testing.assert_allclose(np.linalg.norm(met.normal, axis=1), 1, rtol=1e-12)
@@ -100,7 +100,7 @@ def test_what_blocks_is_what_is_met(name: str, rng: np.random.Generator) -> None
     distance = np.full(400, np.inf)
     met = shape.meet(origins, directions)
     distance[met.ray] = met.distance
-    sure = np.abs(distance - 1) > 1e-3  # not at the segment's end, where float32 decides
+    sure = np.abs(distance - 1) > 1e-3  # not near the segment's end, where float32 decides
     np.testing.assert_array_equal(shape.blocks(origins, directions)[sure], (distance < 1)[sure])
 
 
@@ -111,16 +111,16 @@ def test_a_sphere_of_triangles_is_a_sphere(rng: np.random.Generator) -> None:
     a, b = exact.meet(origins, directions), cut.meet(origins, directions)
     both, i, j = np.intersect1d(a.ray, b.ray, return_indices=True)
     facing = np.abs(np.sum(a.normal[i] * directions[both], axis=1)) > 0.2
-    sagitta = 0.8 * (np.pi / 256) ** 2  # of its fields; twice that for the two ways across
+    sagitta = 0.8 * (np.pi / 256) ** 2  # of one field; twice as much for the two diagonals
     assert np.abs(a.distance[i] - b.distance[j])[facing].max() < 2 * sagitta / 0.2
-    assert np.sum(a.normal[i] * b.normal[j], axis=1)[facing].min() > 0.999  # outwards, both
+    assert np.sum(a.normal[i] * b.normal[j], axis=1)[facing].min() > 0.999  # both point outwards
     assert set(b.ray) <= set(a.ray)
 
 
 def test_areas() -> None:
     assert shape_area(SHAPES["sphere"]()) == pytest.approx(4 * np.pi * 0.8**2, rel=1e-12)
     side, caps = 2 * np.pi * 0.5 * 1.1, 2 * np.pi * 0.5**2
-    assert shape_area(SHAPES["cylinder"](), 63) == pytest.approx(side + caps, rel=1e-3)  # 63 rows: 21 each
+    assert shape_area(SHAPES["cylinder"](), 63) == pytest.approx(side + caps, rel=1e-3)  # 63 rows, 21 per part
     cone = turned(np.zeros(3), Y, (X, -Z), np.array([[0.3, 0.0], [0.0, 0.4]]), 512)
     assert cone.face_areas.sum() == pytest.approx(np.pi * 0.3 * 0.5, rel=1e-4)
     flat = relief(Parallelogram(np.zeros(3), 2 * X, 3 * Y, Z), np.full((5, 7), 0.2), cut=False)
@@ -141,7 +141,7 @@ def test_a_relief_rises_towards_the_camera_and_is_cut_where_it_is_flat(tmp_path:
     """
     scene = load_scene(scene_file(tmp_path, text))
     hits = trace(np.array([0, 0, 2.0]), np.array([[0.0, -0.1, -1], [0.48, 0.48, -1]]), scene.surfaces)
-    np.testing.assert_array_equal(hits.surface, [0, -1])  # the chest; beside the head
+    np.testing.assert_array_equal(hits.surface, [0, -1])  # hits the chest; passes the head
     assert 1.65 < hits.distance[0] < 1.9
     assert hits.front[0]
 
@@ -215,7 +215,7 @@ def test_bricks_stand_out_where_the_pattern_has_bricks(rng: np.random.Generator)
     painted = Pattern("bricks", np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]), repeat, 0.0).albedo(u, v)[:, 0]
     heights = bricks.heights(u, v)
     assert 0 < painted.mean() < 1
-    assert np.all((heights == 0) | (painted == 1))  # the mortar lies deep
+    assert np.all((heights == 0) | (painted == 1))  # mortar is deep
     assert np.median(heights[painted == 1]) > 0.5
     assert heights.min() == 0
     assert 0.8 < heights.max() <= 1

@@ -1,4 +1,4 @@
-"""The order of a map in buffers: nothing lost, rows of one length together, pieces within their size."""
+"""The order of a map in GPU buffers: no entry lost, rows of equal length together, slices within their size."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ OUTPUT, SOURCE = (19, 23), (31, 40)
 
 
 def unsliced(found: list[Part], lanes: int) -> dict[tuple[int, int], list[tuple[float, ...]]]:
-    """Output pixel -> its (x, y, w_R, w_G, w_B), read entry by entry as the shader does."""
+    """Return output pixel -> its (x, y, w_R, w_G, w_B), read entry by entry as the shader reads."""
     result: dict[tuple[int, int], list[tuple[float, ...]]] = {}
     for part in found:
         for pixel, _, length, first in part.rows.tolist():
@@ -60,7 +60,7 @@ def test_an_empty_map_has_rows_and_no_entries() -> None:
 
 
 def test_a_workgroups_rows_are_about_equally_long(rng: np.random.Generator) -> None:
-    """Within a bin the longest is 2^(1/8) of the shortest at most: padding below a tenth, but where two bins meet."""
+    """The longest row of a bin is at most 2^(1/8) of the shortest. Padding is below a tenth, except where bins meet."""
     lengths = rng.integers(0, 400, 128 * 128)
     ordered = lengths[row_order(lengths, (128, 128))]
     groups = ordered.reshape(-1, GROUP)

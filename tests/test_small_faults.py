@@ -1,4 +1,4 @@
-"""Media that other programs write, names that nothing has, and lines that are too long, each with its one cause."""
+"""Media of other programs, names without files, and lines that are too long: each has one reported cause."""
 
 import struct
 from pathlib import Path
@@ -17,7 +17,7 @@ from counterlight.show.options import read_options
 from tests.media import read
 from tests.stage import Stage
 
-# tags that say that the pixels are stored in another way, or whose value is no plain number
+# Tags that change how pixels are stored, or whose value is no plain number.
 ALTERS = {266, 282, 283, 292, 293, 317, 320, 322, 323, 324, 325, 330, 530}
 
 
@@ -25,7 +25,7 @@ ALTERS = {266, 282, 283, 292, 293, 317, 320, 322, 323, 324, 325, 330, 530}
 def test_tiffs_of_ffmpeg_are_exact_and_damaged_ones_are_refused(
     tmp_path: Path, rng: np.random.Generator, compression: str
 ) -> None:
-    """FFmpeg writes tags of resolution and software, which its own strict decoder refuses."""
+    """FFmpeg writes resolution and software tags that its own strict decoder refuses."""
     picture, path = rng.integers(0, 256, (9, 15, 3), np.uint8), tmp_path / "p.tiff"
     with av.open(str(path), "w", format="image2", options={"update": "1"}) as container:
         stream = container.add_stream("tiff", rate=1, options={"compression_algo": compression})
@@ -41,7 +41,7 @@ def test_tiffs_of_ffmpeg_are_exact_and_damaged_ones_are_refused(
 
 
 def test_every_tag_that_is_kept_is_one_that_ffmpeg_reads(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Orientation, chromaticities, extra samples and others, as ImageMagick and libtiff write them, are removed."""
+    """Tags of ImageMagick and libtiff, such as orientation, chromaticities and extra samples, are removed."""
     picture, path = rng.integers(0, 256, (9, 15, 3), np.uint8), tmp_path / "p.tif"
     fields = {256: (3, 15), 257: (3, 9), 258: (3, 8), 259: (3, 1), 262: (3, 2), 273: (4, 8), 277: (3, 3), 278: (3, 9)}
     fields |= {279: (4, picture.nbytes), 284: (3, 1)}
@@ -87,7 +87,7 @@ def test_long_lines_are_broken_in_a_narrow_window() -> None:
         ink = draw(page, (600, 200))[..., 0]
         rows = ink.max(axis=1) > 0
         assert np.diff(rows.astype(int)).clip(0).sum() > 5  # lines of letters
-        assert not ink[:, -2:].any()  # and none of them reaches the edge
+        assert not ink[:, -2:].any()  # no text reaches the edge
 
 
 def test_escape_closes_the_help_before_it_ends_the_placing() -> None:

@@ -1,4 +1,4 @@
-"""Words of 4 bytes: the format, what is lost by them at most, and a whole room's light in them."""
+"""Words of 4 bytes: the format, the largest loss, and a room's light in words."""
 
 from dataclasses import replace
 
@@ -24,11 +24,11 @@ from counterlight.tools.inverse.words_fit import Fit, fit
 from tests.refined_rooms import physical_room
 from tests.small_rooms import as_long, random_small, with_words
 
-EXACT = 1e-12  # of float64 sums
+EXACT = 1e-12  # float64 sums
 
 
 def read_words(words: np.ndarray) -> tuple[list[int], list[tuple[int, ...]], float]:
-    """Indices, codes and trust of one run, by the format's text alone."""
+    """Return indices, codes and trust of one run, decoded from the format's description alone."""
     pixel, indices, codes, trust, k = 0, [], [], 1.0, 0
     while k < len(words):
         word = int(words[k])
@@ -59,13 +59,13 @@ def test_a_code_is_the_nearest_of_13_bits() -> None:
     small, large = np.arange(-8192.0, 8193), np.geomspace(8192, LARGEST_CODE, 1000)
     np.testing.assert_array_equal(coded(small), small)
     found = coded(large)
-    assert np.abs(found / large - 1).max() <= 2.0**-13  # half of a unit of 12 bits behind the first
+    assert np.abs(found / large - 1).max() <= 2.0**-13  # half a unit of the 12 bits after the leading bit
     np.testing.assert_array_equal(coded(found.astype(float)), found)
     assert coded(np.array([1e9]))[0] == LARGEST_CODE
 
 
 def test_words_say_every_entry_and_trust(rng: np.random.Generator) -> None:
-    """Entries of one, three and one channel's codes, negative ones, far jumps, empty rows."""
+    """Entries with one, three and one channel's codes, negative entries, far jumps, empty rows."""
     small = random_small(rng, (7, 9), (300, 400), trusted=True)
     made = in_words(small)
     kinds = set((made.words & 7).tolist())
@@ -102,7 +102,7 @@ def test_workgroups_read_every_entry_once(rng: np.random.Generator, lanes: int, 
 
 
 def worst_change(rows: SparseRows, found: Fit, reach: np.ndarray) -> np.ndarray:
-    """Of every row, by the two sources that could be worst: all of what is too much, all of what is too little."""
+    """Return each row's largest change: the sum of all excesses or of all shortfalls, whichever is larger."""
     colours = colours_of(found.colours)[rows.rows].astype(float)
     change = (found.scale * found.codes * colours - rows.weights) * reach[rows.indices]
     sums = [replace(rows, weights=np.maximum(sign * change, 0)).sums() for sign in (1.0, -1.0)]
@@ -110,7 +110,7 @@ def worst_change(rows: SparseRows, found: Fit, reach: np.ndarray) -> np.ndarray:
 
 
 def several_colours(rng: np.random.Generator, *, share: float) -> SparseRows:
-    """200 rows of 0 to 40 entries, each of its row's colour but for a share."""
+    """Return 200 rows of 0 to 40 entries. A share of the entries differs from its row's colour."""
     lengths = rng.integers(0, 40, 200)
     indptr = np.concatenate([[0], np.cumsum(lengths)])
     indices = np.concatenate([np.sort(rng.choice(300, n, replace=False)) for n in lengths])
@@ -141,7 +141,7 @@ def test_what_cannot_be_kept_is_said(rng: np.random.Generator) -> None:
 
 
 def test_the_transpose_has_the_same_numbers(rng: np.random.Generator) -> None:
-    """⟨w C ∘ T' u, v⟩ = ⟨u, Tᵀ' (w C ∘ v)⟩ of the codes T', whatever the colours."""
+    """⟨w C ∘ T' u, v⟩ = ⟨u, Tᵀ' (w C ∘ v)⟩ of the codes T', for any colours."""
     small = random_small(rng, (7, 9), (20, 30))
     u, v = rng.uniform(size=(600, 3)), rng.uniform(size=(63, 3))
     back = small.transposed(None, None).unpacked().apply(v * colours_of(small.colours).astype(float))
@@ -149,7 +149,7 @@ def test_the_transpose_has_the_same_numbers(rng: np.random.Generator) -> None:
 
 
 def test_words_are_read_as_they_were_made(rng: np.random.Generator) -> None:
-    """Greens and blues that look like words of any kind among them."""
+    """Some greens and blues look like other kinds of words."""
     small = random_small(rng, (40, 50), (300, 400), trusted=True)
     indptr, indices, codes, trust = unpacked_words(in_words(small))
     np.testing.assert_array_equal(indptr, small.indptr)
@@ -188,7 +188,7 @@ def test_rows_at_a_time_leave_no_trace(rng: np.random.Generator, far: bool, monk
 
 
 def observed(maps: RoomMaps, drive: np.ndarray) -> np.ndarray:
-    """T p."""
+    """Return T p."""
     seen = unpack(maps.transport).apply(drive)
     if maps.far is not None:
         for part in (maps.far.gather, maps.far.mix, maps.far.scatter):

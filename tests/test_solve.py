@@ -38,14 +38,14 @@ Problem = tuple[np.ndarray, np.ndarray]
 
 
 def random_problem(rng: np.random.Generator, largest: int = 24) -> Problem:
-    """A sparse non-negative T of several clusters, of any shape, and a target that no drive reaches exactly."""
+    """Return a sparse non-negative T of several clusters, of any shape, and a target that no drive reaches exactly."""
     m, n = rng.integers(1, largest, 2)
     T = rng.uniform(size=(m, n)) * (rng.uniform(size=(m, n)) < 0.3)
     return T, T @ rng.uniform(-0.3, 1.3, n) + 0.2 * rng.normal(size=m)
 
 
 def in_reach(system: System) -> float:
-    """The squared error that the certificate's tolerance allows above the optimum."""
+    """Return the squared error that the certificate's tolerance allows above the optimum."""
     found = certificate(system, solve("box", system).drive)
     return TOLERANCE * max(found.squared_error[0], 1e-6 * float(system.target @ system.target)) + 1e-15
 
@@ -72,7 +72,8 @@ def test_box_is_scipys_bounded_optimum(seed: int) -> None:
 
 
 def test_a_small_system_may_take_thousands_of_steps() -> None:
-    T, b = random_problem(np.random.default_rng(2317))  # 20 unknowns, 13 equations: nearly met, so the gap must be tiny
+    # 20 unknowns, 13 equations: the residual is small, so the gap must be tiny
+    T, b = random_problem(np.random.default_rng(2317))
     system = linear_system(T, b)
     found = solve("box", system)
     assert int(found.notes[0].split()[-2]) > MOST_STEPS
@@ -223,7 +224,7 @@ def test_quality_of_known_differences(rng: np.random.Generator) -> None:
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredCalibration, Path]:
-    """A blurred wall with its correction map, and a picture for it."""
+    """Return a blurred wall with its correction map, and a picture for it."""
     folder = tmp_path_factory.mktemp("solve")
     write_blurred_room(folder / "wall", np.random.default_rng(3), CAMERA, PROJECTOR)
     assert build_correction_map.main([str(folder / "wall")]) == 0
@@ -241,7 +242,7 @@ def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_
     assert table["box"][4] == table["box"][6] == 0
     assert table["none"][1] < table["direct"][1] < table["triangulated"][1] < table["map"][1]
     assert table["none"][7] == 100
-    assert table["box"][7] < 100  # of what nobody sees, less is lit than without compensation
+    assert table["box"][7] < 100  # unseen pixels are darker than without compensation
     drive = exr.read_rgb(tmp_path / "p-box.exr")
     assert drive.shape == (*PROJECTOR, 3)
     assert 0 <= drive.min() < drive.max() <= 1

@@ -1,4 +1,4 @@
-"""The study: its figures recomputed, its front and advice on made-up methods, its report, and nothing half-written."""
+"""The study: recomputed figures, front and advice for made-up methods, the report, nothing half-written."""
 
 import csv
 import json
@@ -44,7 +44,7 @@ from tests.programs import fail, succeed
 from tests.rooms import random_room, write_blurred_room
 from tests.scenes import SCENES
 
-ROOM_CAMERA, ROOM_PROJECTOR = (16, 22), (13, 17)  # more projector pixels than the thesis' 200 a cluster
+ROOM_CAMERA, ROOM_PROJECTOR = (16, 22), (13, 17)  # more projector pixels than 200, the thesis' cluster size
 TIMEOUT_S = 300.0
 ROW = Row("a", "p", "f", "", None, "", 0.1, 20.0, 0.9, 1.0, 0.0, 1.0, None, None, 1.0, None, 1.0, 1.0)
 
@@ -62,12 +62,12 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> StudyRoom:
 
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, Path]:
-    """A report on a scene with far light and a calibration with maps of its own, what was printed, the calibration."""
+    """Return a report on a scene with far light and a calibration with maps, the printed text, the calibration."""
     folder = tmp_path_factory.mktemp("studied")
     write_blurred_room(folder / "blurred", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
     succeed("build", folder / "blurred", "--regularize", "0.1")
     scene = (SCENES / "corner.toml").read_text()
-    assert "cells = 700" in scene  # made for pictures a hundred times as large
+    assert "cells = 700" in scene  # chosen for pictures a hundred times as large
     (folder / "corner.toml").write_text(scene.replace("cells = 700", "cells = 100"))
     arguments = ["--size", "24x16", "--pictures", "text", "white"]
     out = succeed("study", folder / "blurred", folder / "corner.toml", "-o", folder / "out", *arguments)
@@ -141,7 +141,7 @@ def test_what_is_certified_is_never_less_than_the_distance(room: StudyRoom, rng:
     for spread in (1e-3, 1e-2, 0.1, 0.5):
         judged = task.judge(np.clip(best + spread * rng.normal(size=best.shape), 0, 1))
         assert judged.certified >= judged.below_optimum > 0
-    assert task.judge(best).certified < 0.01  # a relative gap of 1e-4 is 0.0004 dB, the certificate is rougher
+    assert task.judge(best).certified < 0.01  # a relative gap of 1e-4 is 0.0004 dB; the certificate is coarser
 
 
 def test_every_method_of_the_catalogue_is_one_place_in_the_plots() -> None:
@@ -180,13 +180,13 @@ def test_the_dark_film_is_the_film_three_stops_down() -> None:
 
 def test_text_has_as_much_ink_at_any_size() -> None:
     small, large = (np.mean(BUILT_IN["text"](shape)) for shape in ((36, 48), (144, 192)))
-    assert small == pytest.approx(large, rel=0.15)  # strokes are whole pixels of a page drawn eight times as large
+    assert small == pytest.approx(large, rel=0.15)  # strokes are whole pixels of a page drawn at eight times the size
 
 
 def test_a_scenes_camera_is_fitted_and_its_projector_scaled_with_it() -> None:
     found = open_room(SCENES / "wall.toml", (36, 48)).calibration
-    assert found.camera.shape == (27, 48)  # 480x270 by 1/10
-    assert found.projector.shape == (22, 38)  # 384x216
+    assert found.camera.shape == (27, 48)  # a tenth of 480x270
+    assert found.projector.shape == (22, 38)  # a tenth of 384x216
 
 
 def test_the_figures_of_a_report_agree_with_each_other(studied: tuple[Path, str, Path]) -> None:
@@ -197,7 +197,7 @@ def test_the_figures_of_a_report_agree_with_each_other(studied: tuple[Path, str,
         psnr, below = float(row["psnr_db"]), float(row["below_optimum_db"])
         assert psnr == pytest.approx(-20 * np.log10(float(row["rmse"])), abs=1e-9)
         assert below == pytest.approx(best[row["room"], row["picture"]] - psnr, abs=1e-9)
-        assert below >= -0.5  # of PSNR in the mask, the price of holding dark what is hardly seen: 0.26 dB found here
+        assert below >= -0.5  # PSNR in the mask: keeping rarely seen pixels dark costs 0.26 dB here
         assert not row["certified_db"] or float(row["certified_db"]) >= below - 1e-9
         plays = row["family"] not in ("box optimum", "NNLS")
         assert bool(row["frame_ms"]) == plays
@@ -310,12 +310,12 @@ def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path) -> None:
     _, error = process.communicate(timeout=TIMEOUT_S)
     assert process.returncode == 130, error
     assert [path.name for path in tmp_path.iterdir()] == ["temporary"]
-    left = [path.name for path in temporary.iterdir()]  # a signal may leave the file by which tempfile tries a folder
+    left = [path.name for path in temporary.iterdir()]  # a signal may leave the file with which tempfile tests a folder
     assert not [name for name in left if name.startswith("counterlight")]
 
 
 def test_a_frame_drawn_after_its_time_was_taken_is_the_same(room: StudyRoom) -> None:
-    """OpenGL's name is asked for in a context of its own, which once took the renderer's place."""
+    """Querying OpenGL's name uses a separate context, which once replaced the renderer's context."""
     graphics.cache_clear()
     task = Task(room, find_pictures(["gradient"])[0])
     with player("gl", Room(room.calibration, room.build(InverseOptions(0.1))[0].maps, room.white)) as gl:
@@ -330,7 +330,7 @@ def test_an_acquired_room_costs_pictures_and_is_hardly_worse(room: StudyRoom, wa
     found = acquired(room, find_pictures(["photograph"])[0], way)
     assert found.pictures is not None
     assert 100 < found.pictures < 400
-    assert -0.01 < found.below_db < 1.5  # dB: noise of one shot, and one place a camera pixel on a blurred wall
+    assert -0.01 < found.below_db < 1.5  # dB: noise of one shot, and one place per camera pixel on a blurred wall
     assert found.frame_ms is None
 
 
@@ -349,12 +349,13 @@ def test_direct_mapping_asks_for_all_light_of_a_room_with_far_light(tmp_path: Pa
 def test_an_inverse_that_memory_cannot_hold_beside_the_study_is_left_out_and_tried_once(
     room: StudyRoom, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where building alone could hold it: the player's maps take as much again."""
+    """Memory would suffice for building alone, but the player's maps need as much again."""
     uncut, cut = (Map("T⁺", "", None, options) for options in (DEFAULTS, InverseOptions(max_cluster=20)))
     needed = [room.build(each.options)[0].maps.correction.count * ENTRY_BYTES for each in (uncut, cut)]
     assert needed[1] < 0.5 * needed[0]
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 0.75 * needed[0])
-    monkeypatch.setattr("counterlight.tools.inverse.memory.check_whole", lambda *_: None)  # of the work itself
+    # the check of the computation itself
+    monkeypatch.setattr("counterlight.tools.inverse.memory.check_whole", lambda *_: None)
     attempts: list[InverseOptions] = []
 
     def inverting(*given: Any) -> Inverse:
@@ -372,7 +373,7 @@ def test_an_inverse_that_memory_cannot_hold_beside_the_study_is_left_out_and_tri
 
 
 def test_a_figure_that_does_not_exist_is_null(tmp_path: Path) -> None:
-    """Views of less than 11 pixels a side have no SSIM."""
+    """Views with fewer than 11 pixels on a side have no SSIM."""
     row = Row(**dict.fromkeys((field.name for field in fields(Row)), math.nan))  # type: ignore[arg-type]
     write_json(tmp_path / "results.json", {}, [row], [])
     (found,) = json.loads((tmp_path / "results.json").read_text())["rows"]

@@ -1,4 +1,4 @@
-"""Every command of docs/accuracy.md's table, run as a user runs it, gives the figure that the study states for it."""
+"""Every command in the table of docs/accuracy.md, run as a user runs it, gives the figure that the study states."""
 
 import shlex
 import shutil
@@ -20,19 +20,19 @@ from tests.programs import succeed
 from tests.rooms import write_blurred_room
 
 PAGE = Path(__file__).parents[1] / "docs" / "accuracy.md"
-CAMERA, PROJECTOR, CELLS = (36, 40), (32, 32), 6  # more projector pixels than the largest cluster of the table
+CAMERA, PROJECTOR, CELLS = (36, 40), (32, 32), 6  # more projector pixels than the table's largest cluster
 METHODS = {label(each.family, each.knob, each.value): each for each in (*catalogue(), *uncut_knobs())}
-TOLERANCE_DB = 0.02  # the study's frames are OpenGL's, a file's are the processor's: float32 in another order
+TOLERANCE_DB = 0.02  # the study renders with OpenGL, files with the processor: float32 sums in another order
 
 
 def listed() -> list[str]:
-    """The methods of the page's first table."""
+    """Return the methods of the page's first table."""
     rows = PAGE.read_text(encoding="utf-8").split("\n| method |", 1)[1].split("\n\n", 1)[0].splitlines()[2:]
     return [row.split("|")[1].strip().removesuffix(" (solver)") for row in rows]
 
 
 class Commanded:
-    """A room with far light, a picture of radiance in a file, and the room built as often as there are ways to."""
+    """A room with far light, a radiance picture in a file, and one copy of the room per kind of build."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._original = folder, folder / "room"
@@ -49,18 +49,18 @@ class Commanded:
 
     @cached_property
     def stated(self) -> dict[str, float]:
-        """What the study finds for every method of the page, dB below the optimum."""
+        """Return the study's result for every method of the page, dB below the optimum."""
         rows = study_room(self.studied, [self.asked], [METHODS[name] for name in listed()]).rows
         return {row.label: row.below_optimum_db for row in rows}
 
     def found(self, commands: str) -> float:
-        """dB below the optimum of the drive that the last of these commands writes."""
+        """Return dB below the optimum of the drive that the last command writes."""
         room, output = self._original, self._folder / "drive.exr"
         for words in map(shlex.split, commands.split("; ")):
             _, verb, *options = words
             if verb == "build":
                 room = self._built(options)
-            elif verb == "play":  # uncompensated, a picture fills the projector's raster
+            elif verb == "play":  # without compensation, a picture fills the projector's raster
                 picture = self._plain if "--no-compensation" in options else self._picture
                 succeed(verb, room, picture, *options, "--output", output)
             else:

@@ -1,4 +1,4 @@
-"""The supervisor: real players that are killed, stopped and told to end, and what is left of them."""
+"""The supervisor: real players that are killed, stopped and asked to end, and the processes that remain."""
 
 import configparser
 import contextlib
@@ -83,7 +83,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Show:
-    """A supervised player, and what its service manager and its log are told."""
+    """A supervised player, its messages to the service manager, and its log."""
 
     def __init__(self, process: subprocess.Popen[str], log: Path) -> None:
         self.process, self._log = process, log
@@ -93,7 +93,7 @@ class Show:
         return [json.loads(line) for line in lines if line.endswith("\n")]
 
     def player(self, *, other_than: int = 0, frames: int = 1) -> int:
-        """Process id of the player, once one that is not `other_than` has shown some frames."""
+        """Return the process id of the player, once a player other than `other_than` has shown some frames."""
 
         def shown() -> bool:
             beats = self.beats()
@@ -103,7 +103,7 @@ class Show:
         return int(self.beats()[-1]["pid"])
 
     def crash(self, times: int) -> int:
-        """Kill one player after the other as soon as it is there; returns the last one's process id."""
+        """Kill each player as soon as it exists; return the last player's process id."""
         killed = {0}
         for _ in range(times):
             self.wait(lambda: bool(children(self.process.pid) - killed), "a player starts")
@@ -116,7 +116,7 @@ class Show:
         wait_until(condition, what, self.process)
 
     def is_black(self) -> bool:
-        """Whether what is shown is the program that shows nothing but black."""
+        """Return whether the curtain, the program that shows only black, runs."""
         commands = [Path(f"/proc/{child}/cmdline") for child in descendants(self.process.pid)]
         with contextlib.suppress(OSError):
             return any(b"counterlight.gl.curtain" in command.read_bytes() for command in commands)
@@ -144,7 +144,7 @@ def supervised(display: str, folder: Path, *arguments: object) -> Iterator[Show]
 def test_a_player_that_dies_or_hangs_is_replaced_where_it_was(
     xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
 ) -> None:
-    """Killed, then stopped while its decoder is stopped too; then the supervisor is told to end."""
+    """The player is killed, then stopped together with its decoder, then the supervisor is asked to end."""
     with supervised(xvfb, tmp_path, room, CLIP, "--loop", "--start", "1") as show:
         first = show.player(frames=30)
         show.wait(lambda: "READY" in received(manager), "the service manager hears that there is a picture")
@@ -153,7 +153,7 @@ def test_a_player_that_dies_or_hangs_is_replaced_where_it_was(
         second = show.player(other_than=first)
         resumed = next(beat for beat in show.beats() if beat["pid"] == second)
         last = [beat for beat in show.beats() if beat["pid"] == first][-1]
-        assert resumed["time_pos"] == pytest.approx(last["time_pos"], abs=1.5)  # a beat is a second
+        assert resumed["time_pos"] == pytest.approx(last["time_pos"], abs=1.5)  # a heartbeat per second
         everything = descendants(second) | {second}
         for pid in everything:
             os.kill(pid, signal.SIGSTOP)
@@ -171,7 +171,7 @@ def test_a_player_that_dies_or_hangs_is_replaced_where_it_was(
 
 
 def test_a_screen_that_goes_and_comes_back(room: Path, tmp_path: Path, manager: socket.socket) -> None:
-    """The player says so in one line, and the supervisor starts it until it has a screen again."""
+    """The player reports the missing screen in one line. The supervisor restarts it until a screen is there."""
     with ExitStack() as first:
         display = first.enter_context(screens.one_screen(tmp_path))
         with supervised(display, tmp_path, room, CLIP, "--loop", "--control", tmp_path / "socket") as show:
@@ -198,7 +198,7 @@ def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_have_nowhe
         pid = show.player()
         sockets = {link.name: os.readlink(link) for link in Path(f"/proc/{show.process.pid}/fd").iterdir()}
         inodes = {name[8:-1] for name in sockets.values() if name.startswith("socket:")}
-        assert len(inodes) == 2  # the inbox, and what speaks to its own manager
+        assert len(inodes) == 2  # the supervisor's inbox, and its socket to the service manager
         table = [line.split() for line in Path("/proc/net/unix").read_text().splitlines()]
         assert [line[7:] for line in table if line[6] in inodes] == [[], []]
         os.kill(pid, signal.SIGKILL)
@@ -210,7 +210,7 @@ def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_have_nowhe
 
 
 def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path: Path, manager: socket.socket) -> None:
-    """Nobody reads stderr, whose pipe is full, and half of a list fails; then the reader goes."""
+    """Nobody reads stderr, whose pipe is full, and half of the list fails. Then the reader closes the pipe."""
     (tmp_path / "broken.mkv").write_bytes(b"no video" * 100)
     clip = tmp_path / "clip.mkv"
     write_video(clip, [numbered(n) for n in range(3)])
@@ -225,7 +225,7 @@ def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path:
     with running(*words, errors=writable, **on(xvfb)) as process:
         os.close(writable)
         show = Show(process, tmp_path / "log")
-        show.player(frames=7)  # the list has six
+        show.player(frames=7)  # the list has six media
         os.close(readable)
         frames = show.beats()[-1]["frames"]
         show.wait(lambda: show.beats()[-1]["frames"] > frames + 6, "the show goes on")
@@ -277,7 +277,7 @@ def test_a_show_that_ends_is_not_begun_again(xvfb: str, room: Path, tmp_path: Pa
 def test_out_of_its_hours_a_show_is_black_and_projectors_are_off(
     xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
 ) -> None:
-    """Hours are changed in the file while it runs, so that no test waits for them."""
+    """The hours change in the file while the show runs, so that no test waits for them."""
     today = datetime.now().date()
     closed = ", ".join(f'"{today + timedelta(days=n)}"' for n in range(-2, 3))
     with projector() as lamp:
@@ -303,7 +303,7 @@ def test_out_of_its_hours_a_show_is_black_and_projectors_are_off(
             change(always)
             second = show.player(other_than=first)
             begun = next(beat for beat in show.beats() if beat["pid"] == second)
-            assert begun["time_pos"] < 1.5  # from its beginning
+            assert begun["time_pos"] < 1.5  # from the beginning
             show.process.send_signal(signal.SIGTERM)
             code, errors = show.ended()
     assert code == 130
@@ -331,7 +331,7 @@ while :; do sleep 0.02; done
 
 
 def test_hours_that_are_back_before_the_player_has_ended(tmp_path: Path) -> None:
-    """The supervisor took the end that it had asked for as the end of the show."""
+    """The supervisor once mistook the end that it had requested for the end of the show."""
     (tmp_path / "player").write_text(SLOW_TO_END)
     started = tmp_path / "started"
     with running(sys.executable, "-c", SUPERVISED, tmp_path) as process:
@@ -355,7 +355,8 @@ def test_a_show_that_has_ended_waits_for_its_next_hours(
         show.process.send_signal(signal.SIGHUP)
         first = show.beats()[0]["pid"]
         second = show.player(other_than=first)
-        assert min(beat["time_pos"] for beat in show.beats() if beat["pid"] == second) < 4.5  # of five seconds
+        # the medium lasts five seconds
+        assert min(beat["time_pos"] for beat in show.beats() if beat["pid"] == second) < 4.5
         show.process.send_signal(signal.SIGTERM)
         code, errors = show.ended()
     assert code == 130

@@ -1,4 +1,4 @@
-"""Estimates of where a picture stands, against optima that scipy and the box solver find."""
+"""Estimates of a picture's distance from its optimum, against optima of scipy and the box solver."""
 
 from dataclasses import replace
 
@@ -25,13 +25,13 @@ from tests.renderers import drawn
 from tests.rooms import write_blurred_room
 from tests.test_refinement import asked, best_errors, desired, squared_errors, unbounded
 
-FACTOR = 1.5  # issue: the figure on the page is within it of the truth
+FACTOR = 1.5  # requirement: the page's figure is within this factor of the truth
 CAMERA, PROJECTOR, CELLS = (90, 110), (80, 96), 8
 
 
 @pytest.fixture(scope="module", params=[0, CELLS], ids=["near", "far"])
 def blurred(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Room, Objective]:
-    """Several squares a side, out of focus, with and without far light, a prior and weights; the unweighted error."""
+    """Several squares per side, out of focus, with and without far light, a prior and weights; the unweighted error."""
     folder = tmp_path_factory.mktemp("blurred") / "room"
     write_blurred_room(folder, np.random.default_rng(8), CAMERA, PROJECTOR, request.param)
     stored = calibration.read(folder)
@@ -42,7 +42,7 @@ def blurred(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 def letters(room: Room, rng: np.random.Generator) -> np.ndarray:
-    """Blocks darker and brighter than the room can show, (camera height, camera width, 3)."""
+    """Return blocks darker and brighter than the room can show, (camera height, camera width, 3)."""
     height, width = room.calibration.camera.shape
     blocks = rng.choice([0.02, 0.3, 0.9], (-(-height // 6), -(-width // 6), 3))
     return room.white * np.kron(blocks, np.ones((6, 6, 1)))[:height, :width].astype(np.float32)
@@ -54,7 +54,7 @@ def of(room: Room, found: Snapshot) -> Shortfall:
 
 
 def excess(objective: Objective, drive: np.ndarray, best: np.ndarray, b: np.ndarray) -> float:
-    """Σ (T p − b)² over what it is at the optimum, less 1."""
+    """Return Σ (T p − b)² relative to the optimum, less 1."""
     drives = [each.reshape(-1, 3).astype(float) for each in (drive, best)]
     errors = [objective.certificate(each, b).squared_error.sum() for each in drives]
     return float(errors[0] / errors[1] - 1)
@@ -69,7 +69,7 @@ CASES = [("previous", 1), ("previous", 2), ("previous-direct", 2), ("previous-di
 
 @pytest.fixture(scope="module")
 def pictured(blurred: tuple[Room, Objective]) -> tuple[np.ndarray, np.ndarray]:
-    """A picture, and the best drive for it."""
+    """Return a picture, and the best drive for it."""
     room, objective = blurred
     picture = letters(room, np.random.default_rng(5))
     b = drawn(room, picture, "grey", 1)[1]
@@ -86,7 +86,7 @@ def test_an_estimate_is_near_the_truth(
     assert truth > 1e-4
     assert truth / FACTOR <= estimated(shortfall) <= FACTOR * truth
     assert shortfall.solved == shortfall.squares == 9
-    assert found.certificate.decibels > 2 * shortfall.decibels  # of which the bound says little
+    assert found.certificate.decibels > 2 * shortfall.decibels  # the bound itself says little
 
 
 def test_the_next_doubling_is_what_it_brings(
@@ -97,7 +97,8 @@ def test_the_next_doubling_is_what_it_brings(
         found, b = drawn(room, picture, start, steps)
         further, _ = drawn(room, picture, start, 2 * steps)
         now, then = (1 + excess(objective, each.drive, best, b) for each in (found, further))
-        assert of(room, found).doubling == pytest.approx(10 * np.log10(now / then), rel=0.3)  # surroundings stay
+        # the surroundings stay fixed
+        assert of(room, found).doubling == pytest.approx(10 * np.log10(now / then), rel=0.3)
 
 
 def test_a_sample_of_squares_says_what_all_say(
@@ -132,11 +133,11 @@ def test_a_room_within_one_square_is_solved_as_scipy_solves_it(rng: np.random.Ge
             assert truth > 0.01
             assert of(room.room, snapshot).decibels == pytest.approx(
                 truth, rel=0.1
-            )  # a doubling brings less than 3 %: the rest may be thrice that
+            )  # a doubling gains less than 3 %, and the rest may be three times as much
 
 
 def test_a_square_makes_the_players_steps(rng: np.random.Generator) -> None:
-    """One that holds the whole picture: as many steps again are those that the player would have made."""
+    """A square that holds the whole picture makes the same further steps as the player."""
     room, frame = physical_room(rng, far=False, start="direct"), desired(rng)
     further = room.room.maps.refinement
     assert further is not None

@@ -27,13 +27,13 @@ TAU = 0.02
 
 @pytest.fixture
 def room(tmp_path: Path) -> Path:
-    """Every camera pixel sees far light from every projector pixel."""
+    """Return a room in which every camera pixel sees far light from every projector pixel."""
     write_blurred_room(tmp_path / "room", np.random.default_rng(5), CAMERA, PROJECTOR, CELLS)
     return tmp_path / "room"
 
 
 def random_room(rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int]) -> cl.Room:
-    """A few connections per camera pixel, anywhere; some camera pixels see nothing, some projector pixels are unlit."""
+    """Return T with a few random connections per camera pixel. Some camera and projector pixels have none."""
     shape = camera[0] * camera[1], projector[0] * projector[1]
     unseeing = np.arange(shape[0]) % 7 == 0
     T = sparse.diags_array(1.0 - unseeing) @ sparse.random_array(shape, density=3 / shape[1], rng=rng)
@@ -44,7 +44,7 @@ def random_room(rng: np.random.Generator, camera: tuple[int, int], projector: tu
 
 
 def pseudo_inverses(matrices: tuple[Csr, ...]) -> list[np.ndarray]:
-    """Moore and Penrose's, without the singular values that float32 cannot tell from 0."""
+    """Return Moore-Penrose inverses, without the singular values that float32 cannot distinguish from 0."""
     dense = [T.toarray().astype(np.float64) for T in matrices]
     return [np.linalg.pinv(T, rcond=max(T.shape) * 2.0**-23) for T in dense]
 
@@ -61,7 +61,7 @@ def assert_drive(found: np.ndarray, inverses: list[np.ndarray], b: np.ndarray) -
 def test_the_drive_is_the_pseudo_inverse_clamped(
     rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int], backend: str
 ) -> None:
-    """Also of light that no pixel can have, and of less than the ambient light."""
+    """The test includes light that no pixel can show, and light below the ambient light."""
     room = random_room(rng, camera, projector)
     maps = cl.build_maps(room, inverse="thesis", max_error=0.0)
     inverses = pseudo_inverses(channels(room.transport.near))
@@ -75,7 +75,7 @@ def test_the_drive_is_the_pseudo_inverse_clamped(
 def test_a_cut_has_the_pseudo_inverse_of_the_cut_and_fitted_transport(
     rng: np.random.Generator, room: Path, backend: str
 ) -> None:
-    """By the commands and in Python, with far light: from the threshold up, cut by hand."""
+    """A threshold cuts T with far light, by command and in Python. The test cuts the same entries itself."""
     cut = "--radius", 5, "--tau-1", 0.3, "--tau-2", 0.9
     succeed("build", room, "--inverse", "thesis", "--max-error", 0, "--tau", TAU, *cut)
     known = cl.read_room(room)
@@ -116,7 +116,7 @@ def test_its_maps_undo_no_far_light_and_are_played_without_a_step(room: Path) ->
     read = read_room(room, None)
     assert read.default_steps == 0
     assert read.maps.undo is None
-    assert read.maps.far is not None  # what the camera will see has far light in it
+    assert read.maps.far is not None  # the room as the camera sees it has far light
 
 
 def test_a_map_whose_far_light_is_half_gone_is_refused(room: Path) -> None:

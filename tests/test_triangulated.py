@@ -1,4 +1,4 @@
-"""Direct mapping by triangles: places to a fraction of a pixel, and scipy's linear interpolation between them."""
+"""Direct mapping by triangles: sub-pixel places, and linear interpolation as scipy's between them."""
 
 from dataclasses import replace
 
@@ -14,18 +14,21 @@ from counterlight.tools.inverse.triangulated import places, triangulated_mapping
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.transport import Transport
 
-CAMERA, PROJECTOR = (23, 31), (17, 21)  # odd, unequal: flips and swaps show
+CAMERA, PROJECTOR = (23, 31), (17, 21)  # odd and unequal, so that flips and swaps show
 Floats = NDArray[np.float64]
 
 
 def looked_at() -> Floats:
-    """Where each camera pixel of an oblique view looks on the projector, x and y, (camera pixels, 2)."""
+    """Return the projector position that each camera pixel of an oblique view sees, x and y, (camera pixels, 2)."""
     v, u = np.mgrid[: CAMERA[0], : CAMERA[1]].reshape(2, -1)
     return np.stack([1.2 + 0.61 * u - 0.07 * v, 0.9 + 0.05 * u + 0.58 * v], axis=1)
 
 
 def seeing(at: Floats, albedo: Floats) -> Transport:
-    """T of camera pixels that see four projector pixels each, by bilinear weights: their middle is where they look."""
+    """Return T of camera pixels that see four projector pixels by bilinear weights.
+
+    The centroid is the exact position.
+    """
     (x, y), low = at.T, np.floor(at).astype(int)
     rows, columns, weights = [], [], []
     for dy, dx in np.ndindex(2, 2):
@@ -40,7 +43,7 @@ def seeing(at: Floats, albedo: Floats) -> Transport:
 
 
 def whole(T: Transport, at: Floats) -> NDArray[np.bool_]:
-    """Camera pixels whose four projector pixels are all in the raster."""
+    """Return which camera pixels see four projector pixels inside the raster."""
     return np.asarray(((at >= 0) & (at <= np.array(PROJECTOR[::-1]) - 1)).all(axis=1))
 
 
@@ -70,7 +73,7 @@ def scipy_channels(rows: SparseRows) -> list[sparse.csr_array]:
 
 def test_between_camera_pixels_it_is_scipys_linear_interpolation(rng: np.random.Generator) -> None:
     at = looked_at()
-    T = seeing(at, rng.uniform(0.6, 1.0, len(at)))  # alike enough for every triangle to be of one surface
+    T = seeing(at, rng.uniform(0.6, 1.0, len(at)))  # the paints are similar enough to make one surface
     asked = rng.uniform(size=(len(at), 3))
     found = triangulated_mapping(T, CAMERA, PROJECTOR).apply(asked)
     seen, middle = places(T.near, PROJECTOR[1])
@@ -89,14 +92,14 @@ def test_a_smooth_picture_is_met_better_than_by_whole_pixels() -> None:
     drive = np.repeat((0.5 + 0.02 * x - 0.013 * y)[:, None], 3, axis=1)
     errors = [np.abs(prepare(name, T).solve(T.apply(drive)).unclamped - drive) for name in ("direct", "triangulated")]
     inner = (x > 2) & (y > 2) & (x < PROJECTOR[1] - 3) & (y < PROJECTOR[0] - 3)
-    assert np.max(errors[1][inner]) < 1e-5  # a plane is its own linear interpolation; float32 entries
+    assert np.max(errors[1][inner]) < 1e-5  # a plane equals its linear interpolation; float32 entries
     assert np.mean(errors[0][inner]) > 1e-3
 
 
 def test_across_an_edge_it_is_direct_mapping() -> None:
     at = looked_at()
     right = np.arange(len(at)) % CAMERA[1] >= 16
-    apart = at + np.where(right[:, None], [3.0, 0.0], [0.0, 0.0])  # another surface, further along
+    apart = at + np.where(right[:, None], [3.0, 0.0], [0.0, 0.0])  # another surface, three pixels further along
     T = seeing(apart, np.where(right, 0.2, 1.0))
     rows = triangulated_mapping(T, CAMERA, PROJECTOR)
     asked = np.where(rows.lengths == 3)[0]

@@ -1,4 +1,4 @@
-"""Every shader names its CPU twin; the twin is there, and the reference renderer runs it."""
+"""Every shader names its CPU twin. The twin exists, and the reference renderer runs it."""
 
 import re
 from collections.abc import Callable
@@ -20,12 +20,12 @@ from tests.viewed_rooms import as_set, two_views
 
 ROOT = Path(__file__).resolve().parents[1]
 TWIN = re.compile(r"^// CPU twin: ([\w.]+) in ([\w/]+\.py)\.$", re.MULTILINE)
-WITHOUT = {"present.frag"}  # lays what is drawn, and the page, onto the window: a screen's own pixels are compared
+WITHOUT = {"present.frag"}  # composites picture and page onto the window; other tests compare its pixels on the screen
 PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
 
 
 def named() -> dict[str, tuple[str, str]]:
-    """Shader -> twin and its file."""
+    """Return shader -> twin and the twin's file."""
     shaders = [path for path in sorted((ROOT / "shaders").iterdir()) if path.suffix in (".frag", ".comp")]
     found = {path.name: TWIN.search(path.read_text()) for path in shaders if path.name not in WITHOUT}
     assert [name for name, match in found.items() if match is None] == []

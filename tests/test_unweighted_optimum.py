@@ -14,11 +14,11 @@ from tests.unweighted import Judge
 
 NEAR_DB = 0.3  # the promise: inside the border, below the optimum
 TIE_DB = 0.01  # float32 light
-ROWS = 22  # of the projector, at most
+ROWS = 22  # most rows of the projector
 
 
 def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Grey, in shares of white."""
+    """Return grey pictures, in shares of white."""
     tiles = np.random.default_rng(1).uniform(0.05, 0.95, (camera[0] // 8 + 1, camera[1] // 8 + 1))
     ramp = np.tile((np.arange(camera[1]) + 0.5) / camera[1], (camera[0], 1))
     return {
@@ -29,7 +29,7 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
 
 
 def cards() -> GreyRoom:
-    """Cards that light each other, as one dense matrix: bounces are all that is seen of many projector pixels."""
+    """Return cards that light each other, as one dense matrix. Many projector pixels are seen only through bounces."""
     return shipped_in_green("folded_cards", (24, 32), (18, 24))
 
 
@@ -46,4 +46,4 @@ def test_a_still_is_near_the_optimum_and_not_below_direct_mapping(seed: int | No
         (over_all, within), (best, best_within), (direct, _) = (judge.psnr(p, b, maps.white) for p in drives)
         assert within >= best_within - NEAR_DB, (given.name, name)
         assert over_all >= direct - TIE_DB, (given.name, name)
-        assert best >= over_all - TIE_DB  # of the judge itself
+        assert best >= over_all - TIE_DB  # error of the judge itself

@@ -1,4 +1,4 @@
-"""counterlight verify: the closed loop in a simulated room, the report of an acquisition, and rooms that are others."""
+"""counterlight verify: the closed loop in a simulated room, an acquisition's report, and changed rooms."""
 
 import io
 import json
@@ -32,7 +32,7 @@ from tests.test_acquisition import CAMERA, PROJECTOR
 
 @pytest.fixture(scope="module")
 def rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with room/, the truth, acquired/, what was acquired of it with few noisy captures, and picture.png."""
+    """Return a folder with room/ (the truth), acquired/ (acquired with few noisy captures) and picture.png."""
     folder = tmp_path_factory.mktemp("rooms")
     write_blurred_room(folder / "room", np.random.default_rng(8), CAMERA, PROJECTOR)
     words = [
@@ -53,7 +53,7 @@ def rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def wall(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A calibration folder whose T is the truth."""
+    """Return a calibration folder whose T is the truth."""
     folder = tmp_path_factory.mktemp("wall") / "wall"
     write_blurred_room(folder, np.random.default_rng(4), (54, 75), (45, 60))
     return folder
@@ -71,7 +71,7 @@ def test_feedback_comes_closer_and_the_best_round_is_written(rooms: Path, capsys
     figures = re.findall(r"round (\d): predicted (\S+) dB, measured (\S+) dB; .* to (\S+) dB", printed)
     assert [int(row[0]) for row in figures] == [0, 1, 2]
     predicted, measured, model = np.array([row[1:] for row in figures], float).T
-    assert measured[0] < predicted[0]  # T knows nothing of its own errors
+    assert measured[0] < predicted[0]  # T does not know its own errors
     assert measured[1:].max() > measured[0] + 0.1  # dB
     assert model.min() > 25
     assert {path.name for path in out.iterdir()} == {
@@ -141,7 +141,7 @@ def test_nothing_is_shown_before_everything_is_checked(
     assert list((tmp_path / "exchange").iterdir()) == []
 
 
-# What became of the room; what is said; whether it is undone.
+# Changed rooms: the message, and whether the correction undoes the change.
 CHANGES: dict[str, tuple[dict[str, Any], str, bool]] = {
     "picture": ({"shift": (0.8, 0.6)}, r"the projector's picture has moved by 0\.[78]\d, 0\.[56]\d pixels", True),
     "lamp": ({"light": (0.85, 0.9, 0.9)}, r"the projector's light is 8[45]\.\d%, (89|90)\.\d%, (89|90)\.\d% of", True),
@@ -166,7 +166,7 @@ def test_what_has_changed_is_told_apart(
     code = verify_projection.main([str(wall), "--camera", f"simulated:{tmp_path / 'now'}"])
     printed = capsys.readouterr().out
     assert re.match(said, printed), printed
-    assert printed.count(";") == (0 if undone else 1)  # nothing else is found
+    assert printed.count(";") == (0 if undone else 1)  # nothing else is reported
     assert (code, (wall / "drift").exists()) == ((0, True) if undone else (verify_projection.LOST, False))
     assert printed.endswith(": corrected\n") == undone
 
@@ -189,8 +189,10 @@ def test_nothing_is_corrected_unasked_and_what_came_back_is_forgotten(
 
 
 def test_a_corrected_picture_arrives_as_it_would_have(wall: Path, tmp_path: Path) -> None:
-    """A pixel of drift costs 7 dB here, its correction gives 5 back: the paint is another one in each camera pixel, so
-    that drives are as fine as pixels, which no interpolation carries. Nothing is asked where no light falls now.
+    """A pixel of drift costs 7 dB here, and its correction returns 5 dB.
+
+    Each camera pixel has its own paint, so drives are as fine as pixels, and interpolation cannot carry them. The
+    target is black where no light arrives after the move.
     """
     picture = np.zeros((54, 75), np.float32)
     picture[5:-5, 5:-5] = cv2.resize(typical_pictures((6, 8))[0], (65, 44)).clip(0, 1)
@@ -215,7 +217,7 @@ def test_a_corrected_picture_arrives_as_it_would_have(wall: Path, tmp_path: Path
 def test_a_folder_of_captures_goes_on_level_by_level(
     wall: Path, rooms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Black, white and the random picture, then the compensated one, then its round of feedback."""
+    """First black, white and the random picture, then the compensated picture, then its round of feedback."""
     stored = calibration.read(wall)
     shutil.rmtree(wall / "drift", ignore_errors=True)
     write_changed(tmp_path / "now", stored, shift=(0.8, 0.6))
@@ -236,7 +238,7 @@ def test_a_folder_of_captures_goes_on_level_by_level(
     assert "round 1: " in said
     assert re.search(r"\nthe picture arrives as predicted, \d\d\.\d dB\n$", said)
     assert [*(exchange / "patterns").iterdir(), *(exchange / "captures").iterdir()] == []
-    assert verify_projection.main([str(wall), *camera]) == 2  # the next check has numbers of its own
+    assert verify_projection.main([str(wall), *camera]) == 2  # the next check has its own numbers
     assert min(path.name for path in (exchange / "patterns").iterdir()) == f"{3 * REPEATS + 4:05}.png"
 
 
@@ -253,7 +255,7 @@ def test_every_projector_of_a_raster_is_found_where_it_is(tmp_path: Path, capsys
     drift = read_drift(stored)
     assert drift is not None
     for moved, device, shift in zip(drift.projectors, stored.calibration.projectors, shifts, strict=True):
-        # A tenth of a pixel: where pictures overlap, one's border is in the other's.
+        # A tenth of a pixel: where pictures overlap, the border of one lies inside the other.
         np.testing.assert_allclose(moved.at_corners(device)[0], shift, atol=0.1)
 
 
@@ -286,7 +288,7 @@ def test_captures_of_an_acquisition_are_no_check_s(
 
 
 def photograph(eye: SimulatedCamera, exchange: Path) -> None:
-    """What a person's program does: every pattern that has no capture yet."""
+    """Save a capture of every pattern that has none yet, as a user's program does."""
     for path in sorted((exchange / "patterns").glob("*.png")):
         target = exchange / "captures" / path.name
         if not target.exists():

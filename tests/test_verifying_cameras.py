@@ -1,4 +1,4 @@
-"""counterlight verify of rooms with several projectors and several cameras: who has changed, and who tells."""
+"""counterlight verify with several projectors and cameras: which device has changed, and which camera measures it."""
 
 import re
 from pathlib import Path
@@ -23,7 +23,7 @@ PIXEL = r"-?\d\.\d\d"
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two projectors that two cameras see; the second one's own light is 0.9, 1 and 1.2 times what it is in T."""
+    """Two projectors that two cameras see. The second camera's light is 0.9, 1 and 1.2 times its light in T."""
     folder = tmp_path_factory.mktemp("pairs")
     succeed("join", *write_pairs(folder, gain=(0.9, 1.0, 1.2)), "--cameras", "-o", folder / "room")
     return folder / "room"
@@ -33,7 +33,7 @@ def verify(room: Path, *words: object) -> int:
     return verify_projection.main([str(word) for word in (room, *words)])
 
 
-# What became of the room; what is said; whether it still holds.
+# Changed rooms: the message, and whether the calibration still holds.
 CHANGES: dict[str, tuple[dict[str, Any], str, bool]] = {
     "nothing": ({}, "nothing has changed", True),
     "a picture": (
@@ -82,7 +82,10 @@ def test_who_has_changed_is_told_apart(room: Path, tmp_path: Path, capsys: Captu
 
 
 def test_one_camera_tells_whose_lamp_it_is(room: Path, tmp_path: Path, capsys: Capture) -> None:
-    """Where one picture ends in the other's, a dimmer one draws an edge; it is no camera's movement."""
+    """A dimmer lamp draws an edge where one picture ends inside the other.
+
+    The edge is not mistaken for camera movement.
+    """
     pair = room.parent / "first pair"
     write_changed(tmp_path / "now", calibration.read(pair), lamps=[0.85, 1.0])
     assert verify(pair, "--camera", f"simulated:{tmp_path / 'now'}") == 0
@@ -101,12 +104,12 @@ def test_a_picture_is_measured_by_every_camera(room: Path, tmp_path: Path, capsy
     write_changed(tmp_path / "now", calibration.read(room), cameras=[(0, 0), (1, 0)], exposures=[0.9, 1.0])
     assert verify(room, *words[:-1], tmp_path / "turned", "--camera", f"simulated:{tmp_path / 'now'}") == 0
     said = capsys.readouterr().out
-    assert "camera 2: " not in said  # what it would tell is of another place
+    assert "camera 2: " not in said  # the camera looks at another place
     assert "the picture arrives as predicted" in said
 
 
 def test_a_correction_is_for_all_cameras(room: Path, tmp_path: Path) -> None:
-    """Light that comes into the room; each camera's is kept in what T is in."""
+    """Ambient light changes in the room. Each camera's ambient light is stored in the units of T."""
     stored = calibration.read(room)
     write_changed(tmp_path / "now", stored, ambient=3.0)
     assert verify(room, "--camera", f"simulated:{tmp_path / 'now'}") == 0
@@ -121,9 +124,9 @@ def test_a_correction_is_for_all_cameras(room: Path, tmp_path: Path) -> None:
 
 
 def test_what_matched_a_camera_is_kept_with_it(room: Path, tmp_path: Path) -> None:
-    """In whatever order and however often cameras are joined; a calibration that does not say has 1."""
+    """The gains stay, in any order and number of joins. A calibration without a gain has 1."""
     gains = calibration.read(room).calibration.gains
-    np.testing.assert_allclose(gains, [[1, 1, 1], [1 / 0.9, 1, 1 / 1.2]], rtol=0.01)  # of pixels' own ratios
+    np.testing.assert_allclose(gains, [[1, 1, 1], [1 / 0.9, 1, 1 / 1.2]], rtol=0.01)  # median of the pixels' own ratios
     succeed("join", room, room.parent / "second pair", "--cameras", "-o", tmp_path / "three")
     found = calibration.read(tmp_path / "three").calibration.gains
     np.testing.assert_allclose(found, [*gains, gains[1]], rtol=0.01)
@@ -168,6 +171,6 @@ def test_cameras_that_share_no_projector_are_not_told_apart() -> None:
     gains = np.full((2, 2, 3), np.nan)
     gains[0, 0], gains[1, 1] = 0.9, 1.0
     np.testing.assert_array_equal(changed_exposures(gains), 1.0)
-    chain = np.full((2, 3, 3), np.nan)  # a wall: the middle one sees both
+    chain = np.full((2, 3, 3), np.nan)  # a wall: the middle camera sees both
     chain[0, :2], chain[1, 1:] = [[1.0], [0.8]], [[0.8], [1.0]]
     np.testing.assert_allclose(changed_exposures(chain)[:, 0], [1, 0.8, 1], rtol=1e-6)

@@ -1,4 +1,4 @@
-"""player/media/video.py and its decoder process: known pictures through the whole pipe, in order and in time."""
+"""player/media/video.py and its decoder process: known pictures through the whole pipeline, in order and on time."""
 
 import time
 from pathlib import Path
@@ -88,7 +88,7 @@ def test_colour_tags(tags: dict[str, int], matrix: str, full_range: bool, transf
         (_, planes), _ = copies(reader)
         assert reader.notices() == []
     assert (described.matrix, described.full_range, described.transfer) == (matrix, full_range, transfer)
-    assert_equal(planes, numbered(3))  # the range is described, never applied
+    assert_equal(planes, numbered(3))  # the range is reported, never applied
 
 
 def test_pq_that_names_no_peak_brings_a_notice(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_count_order_and_times(name: str, first_pts: int, tmp_path: Path) -> Non
 
 
 def test_rotation_is_counter_clockwise(tmp_path: Path) -> None:
-    """FFmpeg's av_display_rotation_set takes the angle by which to rotate counter-clockwise; so does ours."""
+    """FFmpeg's av_display_rotation_set takes a counter-clockwise angle, and the player also turns counter-clockwise."""
     path = write_h264(tmp_path / "clip.mp4", 3, prepare=lambda stream: stream.set_display_rotation(90))
     with MediaReader.open(path) as reader:
         assert reader.info.format.rotation == 90
@@ -157,7 +157,7 @@ def test_loops_are_seamless(name: str, tmp_path: Path) -> None:
     path = write_h264(tmp_path / name, 12)
     with MediaReader.open(path, loop=True) as reader:
         found = copies(reader, 40)
-        reader.seek(found[29][0] + 0.5 / RATE)  # a time of the third lap
+        reader.seek(found[29][0] + 0.5 / RATE)  # a time in the third lap
         frame = next_frame(reader)
         assert number(frame.planes) == 29 % 12
         assert frame.time_s == pytest.approx(found[29][0], abs=TIME_TOLERANCE_S)

@@ -1,4 +1,4 @@
-"""What happens when media break or are none, and when their decoder dies: player/media/video.py says so and goes on."""
+"""Broken media, files that are no media, and dying decoders: player/media/video.py reports them and continues."""
 
 import os
 import re
@@ -48,9 +48,9 @@ def test_size_change_is_named(tmp_path: Path) -> None:
     with MediaReader.open(both) as reader:
         numbers, error = until_error(reader)
         assert re.search(r"frame \d+ is 64x48, expected 46x34", error)
-        with pytest.raises(InputError, match="re-encode"):  # the failure stays
+        with pytest.raises(InputError, match="re-encode"):  # the failure persists
             reader.next_frame(TIMEOUT_S)
-    assert len(numbers) in (5, 6)  # FFmpeg's MPEG-2 decoder may drop the picture it holds back when the size changes
+    assert len(numbers) in (5, 6)  # FFmpeg's MPEG-2 decoder may drop its delayed picture when the size changes
 
 
 @pytest.mark.parametrize("name", ["clip.mp4", "clip.mkv"])
@@ -93,7 +93,7 @@ def test_killed_decoder_is_replaced_without_losing_a_frame(cause: signal.Signals
         held = next_frame(reader)
         os.kill(reader.decoder_pid, cause)
         found = [*before, (held.time_s, tuple(plane.copy() for plane in held.planes)), *copies(reader)]
-        reader.release(held)  # of a decoder that is gone
+        reader.release(held)  # a frame of a decoder that has gone
         (notice,) = reader.notices()
     assert [number(planes) for _, planes in found] == [n % 25 for n in range(40)]
     np.testing.assert_allclose([t for t, _ in found], np.arange(40) / RATE, atol=TIME_TOLERANCE_S, rtol=0)
@@ -102,7 +102,7 @@ def test_killed_decoder_is_replaced_without_losing_a_frame(cause: signal.Signals
 
 
 def until_ready(reader: MediaReader) -> None:
-    """Ask without waiting, as a show does, until the first frame is there."""
+    """Poll without waiting, as a show does, until the first frame is there."""
     deadline = time.monotonic() + TIMEOUT_S
     while not reader.ready():
         assert time.monotonic() < deadline
@@ -111,7 +111,7 @@ def until_ready(reader: MediaReader) -> None:
 
 @pytest.mark.parametrize("cause", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_decoder_that_never_gives_a_sign_of_life(cause: signal.Signals, tmp_path: Path) -> None:
-    """Stopped as it starts it is replaced; killed while it opens the medium, the medium is said to do it."""
+    """A decoder stopped at its start is replaced. If it is killed while opening the medium, the medium is blamed."""
     with MediaReader.begin(write_h264(tmp_path / "clip.mp4", 40)) as reader:
         os.kill(reader.decoder_pid, cause)
         if cause == signal.SIGKILL:
@@ -130,7 +130,7 @@ def test_a_decoder_is_bounded_and_its_medium_is_nobody_elses_to_know(tmp_path: P
         limits = {line[:25].strip(): line.split()[-3:-1] for line in (process / "limits").read_text().splitlines()}
         assert limits["Max address space"][0] == str(MAX_ADDRESS_SPACE)
         assert limits["Max core file size"][0] == "0"
-        assert b"clip" not in (process / "cmdline").read_bytes()  # which everybody can read
+        assert b"clip" not in (process / "cmdline").read_bytes()  # every user can read the command line
 
 
 def test_a_medium_that_does_not_open_in_its_time_is_refused_and_its_decoder_ended() -> None:
@@ -140,7 +140,7 @@ def test_a_medium_that_does_not_open_in_its_time_is_refused_and_its_decoder_ende
             with pytest.raises(InputError, match=f"{name}: not opened within 0.5 s"):
                 until_ready(reader)
             reader.close()
-            reader.close()  # twice is as good as once
+            reader.close()  # closing twice is harmless
 
 
 def test_frames_of_a_reader_that_was_begun_are_those_of_one_that_was_opened(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_frames_of_a_reader_that_was_begun_are_those_of_one_that_was_opened(tmp_
         until_ready(reader)
         until_ready(reader)
         assert [number(planes) for _, planes in copies(reader)] == [n % 25 for n in range(40)]
-        assert reader.ready()  # and at its end
+        assert reader.ready()  # also at its end
         reader.seek(0.0)
         until_ready(reader)
         reader.seek(1.0)
@@ -238,4 +238,4 @@ if HOSTILE:
             line = str(error)
             assert str(path) in line
             assert "\n" not in line
-            assert "decoder stopped" not in line  # refused, not crashed
+            assert "decoder stopped" not in line  # refused, without a crash

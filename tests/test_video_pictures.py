@@ -35,7 +35,7 @@ def test_jpeg_is_full_range_bt601_srgb(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("orientation", "rotation"), [(1, 0), (3, 180), (6, 270), (8, 90)])
 def test_exif_orientation(orientation: int, rotation: int, tmp_path: Path) -> None:
-    """EXIF 6: the stored row 0 is the right-hand side, thus numpy.rot90(stored, 3) is upright; 8 is its opposite."""
+    """EXIF 6: stored row 0 is the right-hand side, so numpy.rot90(stored, 3) is upright. 8 is the opposite."""
     path = write_jpeg(tmp_path / "p.jpg")
     tiff = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0" + bytes([orientation]) + b"\0\0\0\0\0\0"
     data, body = path.read_bytes(), b"Exif\0\0" + tiff
@@ -66,7 +66,7 @@ def test_alpha_is_composited_over_black(tmp_path: Path, rng: np.random.Generator
 def test_sequence(tmp_path: Path, rng: np.random.Generator) -> None:
     pictures = [rng.integers(0, 256, (9, 15, 3)).astype(np.uint8) for _ in range(12)]
     for i, picture in enumerate(pictures):
-        write_picture(tmp_path / f"p{i + 97:03d}.png", (picture,), "rgb24", "png")  # the digits grow at 100
+        write_picture(tmp_path / f"p{i + 97:03d}.png", (picture,), "rgb24", "png")  # numbers gain a digit at 100
     found = read(tmp_path / "p%03d.png", frames_per_second=50)
     np.testing.assert_allclose([t for t, _ in found], np.arange(12) / 50, atol=1e-9, rtol=0)  # float64 sums
     for (_, planes), picture in zip(found, pictures, strict=True):

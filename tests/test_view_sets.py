@@ -27,12 +27,12 @@ LINE2 = Places(((0, 0), (1, 0)))
 
 
 def shifted(by: float) -> np.ndarray:
-    """Where a camera sees the wall that looks somewhat further to the right, in projector pixels."""
+    """Return a homography to the wall, in projector pixels, of a camera that looks `by` pixels further to the right."""
     return LEFT + np.outer([1, 0, 0], [0, 0, by])
 
 
 def seen_view(shift: float, gain: float = 1.0) -> tuple[Calibration, Transport]:
-    """A flat wall from somewhat to the right."""
+    """Return the calibration and T of a flat wall, for a camera shifted to the right."""
     transport = transport_seen(FIRST, homography(shifted(shift)), (gain, gain, gain))
     return calibration_of(transport, f"at {shift}"), transport
 
@@ -59,7 +59,7 @@ def joined(folders: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 def test_views_share_a_screen_and_stay_calibrations_of_their_own(folders: list[Path], joined: Path) -> None:
-    """A wall place is at one place of the screen in each; the second camera looks 2 projector pixels further."""
+    """Both views show a wall place at the same screen position. The second camera looks 2 projector pixels further."""
     rooms = [calibration.read(joined / "views" / name) for name in "12"]
     first, second = (room.calibration.screen for room in rooms)
     assert first is not None
@@ -69,12 +69,12 @@ def test_views_share_a_screen_and_stay_calibrations_of_their_own(folders: list[P
     offset = first.positions.reshape(-1, 2) - np.stack(_centres(), axis=1)
     found, counts = second.positions.reshape(-1, 2) - offset, rooms[1].calibration.mask.ravel()
     away = np.linalg.norm(found - np.stack([x, y], axis=1), axis=1)[counts]
-    assert np.median(away) < 0.05  # of a pixel: middles of footprints
+    assert np.median(away) < 0.05  # of a pixel: centres of footprints
     assert np.percentile(away, 99) < 0.5
     alone = read_transport(calibration.read(folders[1]))
     together = read_transport(rooms[1])
     ratio = together.composition()[counts] / alone.composition()[counts]
-    np.testing.assert_allclose(ratio, 1.25, rtol=5e-3)  # matched by medians of pixels
+    np.testing.assert_allclose(ratio, 1.25, rtol=5e-3)  # matched by medians over pixels
     assert read_places(joined, calibration.TOML) == Places(((-1, 0), (1, 0)))
 
 
@@ -155,7 +155,7 @@ def test_a_scene_s_camera_stands_at_each_viewpoint_and_looks_at_one_point(tmp_pa
     for camera, (right, up) in zip(cameras, ((0, 0), (0.3, 0), (0, -0.4)), strict=True):
         expected = before.camera.position + right * before.camera.right + up * before.camera.up
         np.testing.assert_allclose(camera.position, expected)
-        x, y, depth = camera.project(np.zeros((1, 3)))  # what wall.toml looks at
+        x, y, depth = camera.project(np.zeros((1, 3)))  # the point that wall.toml looks at
         np.testing.assert_allclose([x[0], y[0]], [camera.width / 2, camera.height / 2], atol=1e-9)
         np.testing.assert_allclose(depth, np.linalg.norm(camera.position))
         axes = np.stack([camera.right, camera.up, camera.forward])
@@ -163,7 +163,10 @@ def test_a_scene_s_camera_stands_at_each_viewpoint_and_looks_at_one_point(tmp_pa
 
 
 def test_from_a_scene_to_a_picture_between_views(tmp_path: Path) -> None:
-    """Whole commands: a set is simulated, built, and played from between; the three viewpoints get three pictures."""
+    """Whole commands: a set is simulated, built and played from an intermediate viewpoint.
+
+    Three viewpoints give three pictures.
+    """
     (tmp_path / "room.toml").write_text(
         (SCENES / "wall.toml").read_text() + "\n[viewpoints]\nat = [[-0.3, 0], [0.3, 0]]\n"
     )
@@ -179,5 +182,5 @@ def test_from_a_scene_to_a_picture_between_views(tmp_path: Path) -> None:
         shown.append(cv2.imread(f"{output}").astype(float))
     lit = np.minimum(shown[0], shown[2]) > 0
     between = np.abs(shown[1] - (shown[0] + shown[2]) / 2)[lit]
-    assert np.median(between) < 2  # code values: a matt wall looks alike from both sides
+    assert np.median(between) < 2  # code values: a matt wall looks the same from both sides
     assert "expected X or X,Y, found '1,2,3'" in fail("join", tmp_path, "--at", "1,2,3", "-o", tmp_path / "other")

@@ -1,4 +1,4 @@
-"""Views of one room from several places: shares of viewers, drives between views, what is read and refused."""
+"""Viewpoints in one room: shares of the views, drives between views, reading and refusals."""
 
 import json
 import socket
@@ -35,11 +35,11 @@ GRID = Places(tuple((float(x), float(y)) for x in range(4) for y in range(3)))
 @pytest.mark.parametrize("places", [SQUARE, LINE, GRID, Places(((3, -2),))])
 def test_a_viewer_at_a_view_has_that_alone(places: Places) -> None:
     shares = [places.shares((at,)) for at in places.at]
-    np.testing.assert_array_equal(shares, np.eye(len(places.at)))  # no other view's drive is asked for
+    np.testing.assert_array_equal(shares, np.eye(len(places.at)))  # no other view contributes
 
 
 def test_shares_give_the_place_back_and_name_few_views(rng: np.random.Generator) -> None:
-    """Barycentric in a triangulation: whatever is linear in the place is exact, and views far off have no say."""
+    """Shares are barycentric in a triangulation: linear functions are exact, and distant views have share 0."""
     places = Places(tuple(map(tuple, rng.uniform(-2, 3, (12, 2)).tolist())))
     at, hull = np.array(places.at), Delaunay(np.array(places.at))
     inside = [point for point in rng.uniform(-2, 3, (300, 2)) if hull.find_simplex(point) >= 0]
@@ -49,16 +49,20 @@ def test_shares_give_the_place_back_and_name_few_views(rng: np.random.Generator)
         assert shares.min() >= 0
         np.testing.assert_allclose(shares @ at, point, atol=1e-5)  # shares below 1e-6 are left out
         corners = hull.simplices[hull.find_simplex(point)]
-        assert set(np.flatnonzero(shares)) <= set(corners.tolist())  # scipy's triangulation is ours
+        assert set(np.flatnonzero(shares)) <= set(corners.tolist())  # scipy's triangulation is the same
 
 
 @pytest.mark.parametrize("places", [SQUARE, GRID, LINE])
 def test_shares_are_continuous(places: Places, rng: np.random.Generator) -> None:
-    """Also where four views lie on a circle, and two triangulations would be as good: no jump of the picture."""
+    """Shares are continuous also where four views on a circle have two equally good triangulations.
+
+    The picture never jumps.
+    """
     for start in rng.uniform(-1, 4, (30, 2)):
         path = start + np.linspace(0, 1, 200)[:, None] * rng.uniform(-1, 1, 2)
         shares = np.array([places.shares((tuple(point),)) for point in path])
-        assert np.abs(np.diff(shares, axis=0)).max() < 0.03  # a step is at most 0.0072 long; slopes of shares up to 2
+        # a step is at most 0.0072 long, and shares have slopes up to 2
+        assert np.abs(np.diff(shares, axis=0)).max() < 0.03
 
 
 def test_beyond_the_views_counts_the_nearest_place_between_them(rng: np.random.Generator) -> None:
@@ -99,14 +103,14 @@ def drawn(renderer: Renderer, viewpoint: Viewpoint, steps: int) -> np.ndarray:
 @pytest.mark.parametrize("start", ["previous", "previous-direct", "map", "direct", "grey"])
 def test_at_a_view_the_drive_is_that_of_the_view_alone(views: list[PhysicalRoom], start: str, steps: int) -> None:
     room = as_set(views, start)
-    for place, view in ((0, 0), (1, 1), (-7, 0)):  # beyond the views: as at the nearest
+    for place, view in ((0, 0), (1, 1), (-7, 0)):  # outside the views, the nearest view counts
         alone = drawn(CpuRenderer(replace(views[view].room, start=start)), "all", steps)
         np.testing.assert_array_equal(drawn(CpuRenderer(room), ((place, 0),), steps), alone)
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5])
 def test_between_views_steps_end_at_scipys_answer(views: list[PhysicalRoom], share: float) -> None:
-    """min Σ λ ‖T p − b‖² within 0..1, from dense matrices by bounded-variable least squares."""
+    """Bounded-variable least squares on dense matrices gives min Σ λ ‖T p − b‖² within 0..1."""
     found = drawn(CpuRenderer(as_set(views)), ((share, 0),), 4000).reshape(-1, 3)
     rows, asked = [list[np.ndarray]() for _ in range(3)], [list[np.ndarray]() for _ in range(3)]
     for weight, view in zip((1 - share, share), views, strict=True):
@@ -124,7 +128,7 @@ def test_between_views_steps_end_at_scipys_answer(views: list[PhysicalRoom], sha
 
 
 def test_a_pass_over_the_place_moves_the_drive_without_jumps(views: list[PhysicalRoom]) -> None:
-    """At 60 Hz a viewer moves by little a frame: so does the drive, also where a view begins to have a share."""
+    """At 60 Hz a viewer moves little per frame, and so does the drive, also where a view's share starts."""
     renderer, drives = CpuRenderer(as_set(views)), []
     drawn(renderer, ((0, 0),), 64)
     for place in np.linspace(0, 1, 121):
@@ -134,7 +138,7 @@ def test_a_pass_over_the_place_moves_the_drive_without_jumps(views: list[Physica
         drives.append(renderer.linear().astype(np.float64))
     changes = [float(np.sqrt(np.mean((b - a) ** 2))) for a, b in pairwise(drives)]
     whole = float(np.sqrt(np.mean((drives[-1] - drives[0]) ** 2)))
-    assert max(changes) < 0.15 * whole  # evenly it would be 1/120; a switch between views would be 1
+    assert max(changes) < 0.15 * whole  # even motion gives 1/120; a switch between views gives 1
 
 
 def test_no_certificate_is_given_between_views(views: list[PhysicalRoom]) -> None:
@@ -163,17 +167,18 @@ def test_the_view_shown_is_that_of_the_largest_share(views: list[PhysicalRoom]) 
 def test_the_compiled_renderer_between_views_is_numpys(views: list[PhysicalRoom]) -> None:
     room = as_set(views)
     compiled, twin = (drawn(kind(room), "all", 6) for kind in (CpuRenderer, ReferenceRenderer))
-    np.testing.assert_allclose(compiled, twin, atol=2e-5)  # float32 and float64, six steps
+    np.testing.assert_allclose(compiled, twin, atol=2e-5)  # float32 against float64, six steps
 
 
 def test_a_pixel_that_another_view_sees_is_not_held_dark(views: list[PhysicalRoom]) -> None:
-    """Each view's prior draws to black what it does not see; together only what nobody sees stays drawn."""
+    """Each view's prior draws its unseen pixels to black. Together, only pixels that no view sees stay drawn."""
     held = []
     for number, view in enumerate(views):
         further = view.room.maps.refinement
         assert further is not None
         damping = np.zeros_like(further.step_size)
-        damping[number], damping[3] = 2.0, 1.0 + number  # a row that only the other view sees, and one that nobody does
+        # a row that only the other view sees, and a row that no view sees
+        damping[number], damping[3] = 2.0, 1.0 + number
         lit = np.divide(1, further.step_size, out=np.zeros_like(damping), where=further.step_size > 0)
         lit[number] = lit[3] = 0
         total = lit + damping
@@ -187,7 +192,7 @@ def test_a_pixel_that_another_view_sees_is_not_held_dark(views: list[PhysicalRoo
         np.testing.assert_array_equal(after.prior.damping[3], 1.0)
         expected = lit + after.prior.damping
         seen = expected > 0
-        np.testing.assert_allclose(after.step_size[seen], 1 / expected[seen], rtol=1e-5)  # float32, there and back
+        np.testing.assert_allclose(after.step_size[seen], 1 / expected[seen], rtol=1e-5)  # float32, converted twice
         assert not after.step_size[~seen].any()
         assert before.step_size.dtype == after.step_size.dtype
 
@@ -225,7 +230,7 @@ def test_a_tracker_sets_the_viewpoint(said: object, read: object) -> None:
 
 
 def test_a_tracker_sets_it_over_the_socket_sixty_times_a_second(tmp_path: Path) -> None:
-    """Each is answered, the last one counts, and none reads or makes the room again."""
+    """Each request is answered, the last value counts, and no request reads or rebuilds the room."""
     stage, path = Stage(), tmp_path / "show.socket"
     stage.advance(0.05)
     server = ControlServer(path)
@@ -245,7 +250,7 @@ def test_a_tracker_sets_it_over_the_socket_sixty_times_a_second(tmp_path: Path) 
     assert errors == ["success"] * 120
     assert stage.commands.get("viewpoint") == ((1.19, 0.5),)
     assert [each.viewpoint for each in stage.screen.adjusted][-2:] == [((1.18, 0.5),), ((1.19, 0.5),)]
-    assert len(stage.screen.shown) >= 120  # drawn at every step
+    assert len(stage.screen.shown) >= 120  # a frame is drawn at each step
 
 
 @pytest.mark.parametrize("said", ["", "left", "1,2,3", "nan", None, True, [], [[1, 2, 3]], [[True]], "1e9", {"x": 1}])

@@ -1,4 +1,4 @@
-"""Which way light came, by T alone, against scenes of which we know: what the simulator is told, and rays of ours."""
+"""The way that light took, from T alone, against scenes with known light: simulator settings and independent rays."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,7 @@ def shown(ways: Ways, way: Way) -> BoolArray:
 
 
 def seen_surface(scene: Scene) -> np.ndarray:
-    """The index of the surface that the middle of each camera pixel sees."""
+    """Return the index of the surface that the middle of each camera pixel sees."""
     directions, _ = scene.camera.pixel_rays(range(scene.camera.height), 1)
     hit = trace(scene.camera.position, directions, scene.surfaces)
     return hit.surface.reshape(scene.camera.height, scene.camera.width)
@@ -46,7 +46,7 @@ def test_on_a_flat_wall_all_light_is_straight() -> None:
 
 @pytest.mark.parametrize("dense", [False, True])
 def test_light_that_bounced_has_its_share(dense: bool) -> None:
-    """Truth is the room without inter-reflection; with T as one matrix nothing says which light is far."""
+    """The truth is the room without inter-reflection. T as a single matrix does not mark the far light."""
     scene = small("corner", (21, 36), (20, 32))
     result, without = simulate(scene), simulate(scene, without=["inter_reflection"])
     whole, straight = (luminance(each.transport.composition()).reshape(21, 36) for each in (result, without))
@@ -54,7 +54,7 @@ def test_light_that_bounced_has_its_share(dense: bool) -> None:
     T = replace(result.transport, near=in_one(result.transport), far=None) if dense else result.transport
     ways = ways_of(simulated_calibration(scene, result), T)
     found = ways.shares[WAYS.index(BOUNCED)]
-    # Of a dense T the light of the fold's other side lies around the footprint, and is taken for straight.
+    # In a dense T, light from the fold's other side surrounds the footprint and counts as straight.
     apart = np.abs(np.arange(36) - 16.5) > 4
     assert np.abs(found - truth)[:, apart].max() < (0.08 if dense else 1e-4)
     assert np.count_nonzero(shown(ways, BOUNCED) != (truth >= 0.1)) < (0.12 if dense else 1e-9) * truth.size
@@ -66,13 +66,13 @@ def test_wax_scatters_and_its_board_does_not() -> None:
     light = np.zeros_like(wax)
     light[1:-1, 1:-1] = True
     scattered = ways.flags[WAYS.index(SCATTERED)]
-    assert scattered[wax & ways.lit].mean() > 0.85  # the rest are sockets, lit by the bone around them
+    assert scattered[wax & ways.lit].mean() > 0.85  # the rest are sockets, lit by the surrounding bone
     assert scattered[~wax & light].mean() < 0.03  # pixels on the edge
     assert not shown(ways, BENT)[wax].mean() > 0.03
 
 
 def test_milk_scatters_though_its_colours_go_equally_far(tmp_path: Path) -> None:
-    """By the long tails of its footprints: a card out of focus has none."""
+    """Milk has long tails in its footprints. A card out of focus has none."""
     milk = "albedo = [0.8, 0.8, 0.8]\ntranslucency = { mean_free_path = [0.03, 0.03, 0.03] }"
     scene = load_scene(scene_file(tmp_path, plane(extra=milk))).resized((24, 32), (32, 40))
     inner = (slice(4, -4), slice(4, -4))
@@ -95,20 +95,20 @@ def test_only_the_card_out_of_focus_is_blurred(tmp_path: Path) -> None:
 
 
 def test_what_is_seen_or_lit_through_glass_is_bent() -> None:
-    """Truth is what the glass changes in T: rows beside those of the room without it."""
+    """The truth is the change that glass makes in T: each row against the row of the room without glass."""
     scene = small("glass", (40, 54), (40, 54))
     result, without = simulate(scene), simulate(replace(scene, surfaces=scene.surfaces[:1]))
     ways = ways_of(simulated_calibration(scene, result), result.transport)
     light, bare = (luminance_matrix(in_one(each.transport)) for each in (result, without))
     changed = (abs(light - bare).sum(axis=1) / bare.sum(axis=1)).reshape(40, 54)
     bent = shown(ways, BENT)
-    assert bent[changed > 0.8].mean() > 0.65  # what is bent along its line is not told, nor by a fifth of a pixel
-    assert bent[changed < 0.1].mean() < 0.03  # beside an edge
+    assert bent[changed > 0.8].mean() > 0.65  # light bent along its line, or by a fifth of a pixel, is not detected
+    assert bent[changed < 0.1].mean() < 0.03  # next to an edge
     assert not any(shown(ways, way).mean() > 0.005 for way in WAYS if way is not BENT)
 
 
 def test_two_projectors_and_two_cameras_on_a_wall_are_straight() -> None:
-    """Each pair has its own lines, and each pixel two footprints: one in each projector's picture."""
+    """Each pair has its own lines. Each camera pixel has two footprints, one per projector picture."""
     rooms, transports = [], []
     for camera, H in ((FIRST, LEFT), (SECOND, RIGHT)):
         one, other = (transport_seen(camera, bent(H)) for bent in (homography, beside))
@@ -123,7 +123,7 @@ def test_two_projectors_and_two_cameras_on_a_wall_are_straight() -> None:
 
 
 def test_lines_are_those_of_the_two_places() -> None:
-    """Points at random depths before two pinholes lie on their lines; moved across them they are found."""
+    """Points at random depths before two pinholes lie on their lines. Points moved across their lines are found."""
     rng = np.random.default_rng(5)
     y, x = np.mgrid[:30, :40] + 0.5
     depth = rng.uniform(2, 4, x.shape)
@@ -132,7 +132,7 @@ def test_lines_are_those_of_the_two_places() -> None:
     lit, moved = np.ones(x.shape, bool), middle.copy()
     moved[10:16, 12:20, 0] += 5 * LEAST_PX
     lines = Lines(moved, lit)
-    assert np.abs(lines.distance(middle)).max() < 1e-3  # exact but for what rounding leaves of the refinement
+    assert np.abs(lines.distance(middle)).max() < 1e-3  # exact up to rounding in the refinement
     bent = lines.bent(moved)
     assert bent[11:15, 13:19].all()
     bent[9:17, 11:21] = False

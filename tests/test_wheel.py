@@ -1,4 +1,4 @@
-"""The wheel: one package with everything in it, and the main job done with it alone, far from the checkout."""
+"""The wheel contains everything: the main job works with the wheel alone, far from the checkout."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ for resource in sorted(files("counterlight.shaders").iterdir(), key=lambda resou
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy, so that the checkout stays clean."""
+    """Build the wheel from a copy, so that the checkout stays clean."""
     folder = tmp_path_factory.mktemp("wheel")
     copy = folder / "source"
     left_out = shutil.ignore_patterns("__pycache__", "*.egg-info", "example*")
@@ -39,18 +39,18 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path) -> Path:
-    """A new environment's programs: the wheel, what it depends on borrowed from the tests' own, and no checkout."""
+    """Return the programs of a new environment with the wheel, borrowed dependencies and no checkout."""
     environment = wheel.parent / "environment"
     python("-m", "venv", "--without-pip", str(environment))
     (packages,) = environment.glob("lib/python*/site-packages")
     python("-m", "pip", "--python", str(environment / "bin" / "python"), "install", "--no-deps", "--quiet", str(wheel))
-    (packages / "borrowed.pth").write_text(f"{Path(np.__file__).parents[1]}\n")  # whose own .pth files nobody reads
+    (packages / "borrowed.pth").write_text(f"{Path(np.__file__).parents[1]}\n")  # .pth files in there are not read
     borrow_what_is_compiled(packages / "counterlight")
     return environment / "bin"
 
 
 def borrow_what_is_compiled(package: Path) -> None:
-    """Numba keeps it beside the modules, for files of a size and a time; compiling all of it again takes a minute."""
+    """Copy Numba's compiled code, whose file names contain size and time. Compiling everything again takes a minute."""
     kept = Path(counterlight.__file__).parent
     for index in kept.rglob("__pycache__/*.nb[ic]"):
         borrowed = package / index.relative_to(kept)
@@ -63,7 +63,7 @@ def borrow_what_is_compiled(package: Path) -> None:
 
 @pytest.fixture(scope="module")
 def unpacked_wheel(wheel: Path) -> Path:
-    """As pip would lay it out."""
+    """Unpack the wheel as pip would."""
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(wheel.parent / "unpacked")
     return wheel.parent / "unpacked"
@@ -72,7 +72,7 @@ def unpacked_wheel(wheel: Path) -> Path:
 def test_every_shader_loads_from_the_built_wheel(unpacked_wheel: Path) -> None:
     expected = {path.name: path.read_bytes() for path in (ROOT / "shaders").iterdir() if is_shader(path)}
     assert expected
-    # -I -S: no checkout, no site-packages, so that only the wheel can answer.
+    # -I -S: no checkout and no site-packages, so that only the wheel can answer.
     lines = python("-I", "-S", "-B", "-c", READ_SHADERS, str(unpacked_wheel)).splitlines()
     found = {name: bytes.fromhex(content) for name, content in (line.split() for line in lines)}
     assert found == expected
@@ -84,7 +84,7 @@ def is_shader(path: Path) -> bool:
 
 def test_the_wheel_holds_one_package_with_every_module_scene_and_clip(unpacked_wheel: Path) -> None:
     found = {path.relative_to(unpacked_wheel).as_posix() for path in unpacked_wheel.rglob("*") if path.is_file()}
-    told = {name for name in found if not name.startswith("counterlight-")}  # the rest is pip's
+    told = {name for name in found if not name.startswith("counterlight-")}  # the rest belongs to pip
     names = {"player": "", "tools": "tools/", "shaders": "shaders/", "calib_data": "calib_data/"}
     listing = subprocess.run(["git", "ls-files", *names], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     paths = [name.partition("/") for name in listing.splitlines() if (ROOT / name).exists()]
@@ -105,7 +105,7 @@ def test_the_main_job_from_a_wheel_in_a_foreign_folder(installed: Path, tmp_path
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    (tmp_path / "tools").mkdir()  # anybody's own, and no part of this
+    (tmp_path / "tools").mkdir()  # a folder of the user, not of the package
     (tmp_path / "tools" / "__init__.py").write_text("raise SystemExit('a foreign package')")
     where = succeed("python", "-c", "import counterlight; print(counterlight.__file__)")
     assert Path(where.strip()).is_relative_to(installed.parent)

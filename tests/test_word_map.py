@@ -1,4 +1,4 @@
-"""Words beside the maps on disk: read as they were built, only if they are asked for, and refused if damaged."""
+"""Words next to the maps on disk: read as built, read only on request, refused if damaged."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -55,12 +55,12 @@ def test_maps_of_before_have_none(room: DamagedRoom) -> None:
 
 
 def outside(words: np.ndarray) -> None:
-    """As many source pixels further as a word can say."""
+    """Make the first word jump over as many source pixels as a word can state."""
     words[0] |= 0x1FFF << 3
 
 
 def torn(words: np.ndarray) -> None:
-    """The last word begins an entry of three codes and has no other behind it."""
+    """Let the last word begin an entry of three codes without a following word."""
     words[-1] = THREE
 
 
@@ -77,7 +77,7 @@ def torn(words: np.ndarray) -> None:
 def test_words_that_would_be_read_elsewhere_are_refused(
     room: DamagedRoom, part: str, change: Callable[[np.ndarray], None], complaint: str
 ) -> None:
-    """Under renewed checksums."""
+    """The checksums are renewed after the damage."""
     path = room.folder / FOLDER / "words" / "transport" / f"{part}.exr"
     channels = exr.read_channels(path)
     used = int(exr.read_channels(path.with_name("rows.exr"))["START"].max())
@@ -88,7 +88,7 @@ def test_words_that_would_be_read_elsewhere_are_refused(
     room.put(str(path.relative_to(room.folder)), path.read_bytes())
     with pytest.raises(InputError, match=complaint):
         room.read()
-    read_maps(calibration.read(room.folder))  # who does not ask for words does not see it
+    read_maps(calibration.read(room.folder))  # a reader that does not request words does not see the damage
 
 
 def test_damaged_words_are_refused_by_their_checksum(room: DamagedRoom) -> None:

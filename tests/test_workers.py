@@ -1,4 +1,4 @@
-"""Processes that do jobs: what comes back, what goes wrong, and that nobody is left."""
+"""Worker processes: results, failures, and that no worker remains."""
 
 import math
 import os
@@ -14,7 +14,7 @@ from tests.programs import descendants, is_running
 
 
 def written(folder: Path, number: int) -> int:
-    """Leaves the number of the process that did it."""
+    """Leave a file named after the worker's process id, and return the square."""
     (folder / str(os.getpid())).touch()
     return number**2
 

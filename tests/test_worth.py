@@ -1,4 +1,4 @@
-"""What effects are worth: recomputed by other commands, and a tolerance that is kept where nobody judged."""
+"""The worth of effects, recomputed by other commands, and a tolerance that holds for pictures outside the judgement."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +29,7 @@ def room(scene: Scene, needs: dict[str, Need] | None = None, without: tuple[str,
 
 
 def off_by(whole: cl.Room, lacking: cl.Room, name: str) -> tuple[float, float]:
-    """Decibels that a picture loses by solving without, and those that the room without promises too much."""
+    """Return the decibels that solving without an effect loses, and the decibels that it overpromises."""
     picture = BUILT_IN[name](whole.camera)
 
     def seen(room: cl.Room, drive: FloatArray) -> float:
@@ -44,7 +44,7 @@ def test_an_effect_is_worth_what_the_room_loses_without_it(effect: str) -> None:
     scene = replace(small("corner"), cells=60)
     errors = [off_by(room(scene), room(scene, without=(effect,)), name) for name in PICTURES]
     worst = max(max(lost, abs(promised)) for lost, promised in errors)
-    # Box optima to a relative gap of 3e-3 in place of 1e-4: 0.013 dB each.
+    # Box optima have a relative gap of 3e-3 instead of 1e-4: 0.013 dB each.
     assert priced(scene, needs_of(scene))[effect].worth == pytest.approx(worst, abs=0.02)
 
 
@@ -64,7 +64,7 @@ def test_a_lens_is_judged_by_its_picture_not_by_its_circle_of_confusion(tmp_path
 
 
 def test_a_lens_that_bends_is_judged_by_the_pixels_that_it_moves(tmp_path: Path) -> None:
-    """The same lens moves more of them in a larger picture; and one bends so far that ten times as much would fold."""
+    """The same lens moves more pixels of a larger picture. A tenfold `strongly` bent lens would fold the picture."""
     scene = load_scene(scene_file(tmp_path, plane(extra=BRICKS)))
     slightly, strongly = (
         replace(scene, camera=replace(scene.camera, distortion=(k1, 0.0, 0.0, 0.0, 0.0))) for k1 in (-0.004, -0.15)
@@ -79,20 +79,20 @@ def test_a_lens_that_bends_is_judged_by_the_pixels_that_it_moves(tmp_path: Path)
 
 
 def faint_coat(tmp_path: Path) -> Scene:
-    """Two cards at a right angle; one has a coat that reflects next to nothing."""
+    """Return two cards at a right angle, one with a coat that reflects almost nothing."""
     card = rectangle([-0.5, -0.5, 0.0], [1.0, 0, 0], [0, 1.0, 0], 0.6)
     coated = f"[[surfaces]]\ncorner = [-0.5, -0.5, 0]\nedge_u = [0, 0, 0.6]\nedge_v = [0, 1, 0]\n{COAT}\n"
     return load_scene(scene_file(tmp_path, card + coated))
 
 
 def small_card(tmp_path: Path) -> Scene:
-    """A small dark card far from a wall that it hardly lights."""
+    """Return a small dark card far from a wall that it hardly lights."""
     card = rectangle([0.2, 0, 0.9], [0, 0, 0.1], [0, 0.1, 0], 0.05)
     return load_scene(scene_file(tmp_path, plane(extra=BRICKS) + card))
 
 
 def test_a_small_shadow_may_fall_on_the_brightest_part_of_a_picture(tmp_path: Path) -> None:
-    """It was worth 0.03 dB in the small room, where windows are dark in its place; the photograph lost 0.15."""
+    """In the small room it was worth 0.03 dB, because windows are dark in its place. The photograph lost 0.15 dB."""
     lenses = {"position": "[0.35, 0.25, 2]", "fov": "34"}, {"position": "[-0.2, 0.1, 2.1]", "fov": "28"}
     sizes = (160, 120), (200, 150)
     devices = "".join(
@@ -128,7 +128,7 @@ def test_all_that_costs_goes_for_an_endless_tolerance_and_what_is_free_stays() -
 
 
 def test_without_any_light_left_an_effect_is_worth_everything(tmp_path: Path) -> None:
-    """A camera that sees the wall through a ball of glass alone."""
+    """The camera sees the wall only through a ball of glass."""
     ball = '[[surfaces]]\nshape = "sphere"\ncentre = [0, 0, 1.7]\nradius = 0.25\ndielectric = { index = 1.5 }\n'
     scene = load_scene(scene_file(tmp_path, plane() + ball))
     assert priced(scene, needs_of(scene), 20.0)["refraction"].worth == np.inf
@@ -151,5 +151,5 @@ def test_the_command_says_what_effects_are_worth() -> None:
     said = succeed("simulate", scene, "--explain", "--camera", "40x24", "--projector", "32x20")
     lines = {line.split()[0]: line.split() for line in said.splitlines()}
     assert lines["effect"][5] == "dB"
-    assert float(lines["inter_reflection"][6]) > 1  # after seconds, entries, energy and its sign of per cent
+    assert float(lines["inter_reflection"][6]) > 1  # dB; the percent sign of the energy is a word of its own
     assert "decibels are a number of at least 0" in fail("simulate", scene, "--explain", "--within=-1dB")

@@ -1,4 +1,4 @@
-"""Written or not written: kills, refusals and full disks at every step, and several processes at once."""
+"""Writing is complete or has no effect: kills, refusals and full disks at every step, and several processes at once."""
 
 import os
 import shutil
@@ -20,13 +20,13 @@ from tests.faults import KILL, REFUSE, Fault, Runner
 from tests.programs import ROOT, fail, running
 
 SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
-KINDS: dict[str, tuple[str, str]] = {  # what is written, and the name that it gets
+KINDS: dict[str, tuple[str, str]] = {  # kind of output: its name on disk
     "file": ("file", "notes.txt"),
     "room": ("room", "room"),
     "maps": ("room_maps", "room"),
     "sequence": ("sequence", "frame%03d.png"),
 }
-STRIDES = {"room": 3, "maps": 3}  # whose writing takes many steps
+STRIDES = {"room": 3, "maps": 3}  # kinds with many steps
 Look = Callable[[str], int | None]
 
 
@@ -37,7 +37,7 @@ def runner() -> Iterator[Runner]:
 
 
 class Place:
-    """Where one kind of output is written, in generations."""
+    """Folder into which generations of one kind of output are written."""
 
     def __init__(self, kind: str, folder: Path, runner: Runner) -> None:
         write, name = KINDS[kind]
@@ -61,10 +61,10 @@ class Place:
 def test_struck_at_any_step_the_old_or_the_new_is_whole(
     kind: str, how: str, exchange: bool, tmp_path: Path, runner: Runner, rng: np.random.Generator
 ) -> None:
-    """Generation by generation, each written over the one before and struck at a later step.
+    """Each generation overwrites the previous generation and is struck at a later step.
 
-    `make fuzz` strikes commands at every step. Sometimes a reader comes next, which may complete what was begun, and
-    sometimes another writer.
+    `make fuzz` strikes commands at every step. Then a reader comes, which may complete an interrupted write, or
+    another writer.
     """
     place = Place(kind, tmp_path, runner)
     place.write(1)
@@ -76,7 +76,7 @@ def test_struck_at_any_step_the_old_or_the_new_is_whole(
         assert run.code in ((-9,) if how == KILL else (0, 2)), run.words
         assert len(run.words.splitlines()) <= 1
         assert kind != "sequence" or one_generation(tmp_path)
-        if run.code == 2:  # nothing is left that the next command would go on with
+        if run.code == 2:  # a failed command leaves nothing to continue with
             assert place.left_over() == []
         if rng.integers(3) != 0:
             found = place.look(place.path)
@@ -87,13 +87,13 @@ def test_struck_at_any_step_the_old_or_the_new_is_whole(
         assert place.left_over() == []
     else:
         pytest.fail("never ended")
-    refused_whole = kind == "sequence" and how == REFUSE  # whose frames are taken back
+    refused_whole = kind == "sequence" and how == REFUSE  # its frames are removed again
     assert seen == ({False} if refused_whole else {False, True})
     assert at > 10
 
 
 def one_generation(folder: Path) -> bool:
-    """Before anybody completes anything: frames of one generation, all of them if number 0 is there."""
+    """Return whether the frames, before any repair, belong to one generation, and are complete if number 0 exists."""
     frames = {int(path.stem[-3:]): path for path in folder.glob("frame*.png")}
     generations = {written.frame_generation(path, number) for number, path in frames.items()}
     if 0 in frames:
@@ -128,7 +128,7 @@ def remove(place: Place) -> None:
 
 
 def test_a_missing_folder_is_restored_by_a_command_that_reads_it(tmp_path: Path, runner: Runner) -> None:
-    """Killed between the two renames of a system that cannot exchange folders."""
+    """The process is killed between the two renames of a system that cannot exchange folders."""
     room = tmp_path / "room"
     written.write_room(str(room), 1)
     for at in range(1, 1000):
@@ -143,7 +143,7 @@ def test_a_missing_folder_is_restored_by_a_command_that_reads_it(tmp_path: Path,
 
 @pytest.fixture
 def writer(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """Another process that holds `held.png` in the test's folder, and has begun to write it."""
+    """Start another process that holds `held.png` in the test's folder and has begun to write it."""
     code = (
         "import sys, time; from pathlib import Path; from counterlight.writing.replacing import replacing_file\n"
         "with replacing_file(Path(sys.argv[1])) as path:\n"
@@ -169,7 +169,7 @@ def test_a_living_writers_things_stay_and_a_dead_ones_go(tmp_path: Path, writer:
 
 
 def test_a_lock_is_not_a_number_that_another_process_may_have(tmp_path: Path) -> None:
-    """What a dead writer left says that this very process, which lives, is writing."""
+    """A dead writer's note names this process, which lives but does not write."""
     stage = tmp_path / ".notes.txt.counterlight-partial"
     (stage / "new").mkdir(parents=True)
     (stage / "pid").write_text(str(os.getpid()))
@@ -196,7 +196,7 @@ def test_what_was_not_made_by_us_is_left_alone(strange: str, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("trap", ["new is a link", "the stage is a link", "the journal is a pipe", "endless"])
 def test_what_came_with_a_folder_moves_nothing_of_others_and_holds_nobody(trap: str, tmp_path: Path) -> None:
-    """A folder from elsewhere looks as if a killed command had begun to put frames there."""
+    """A foreign folder looks as if a killed command had begun to move frames into it."""
     others, folder, pattern = tmp_path / "others", tmp_path / "folder", "%d.png"
     others.mkdir()
     folder.mkdir()
@@ -243,9 +243,9 @@ def test_a_second_build_is_refused_at_once_and_leaves_nothing(tmp_path: Path) ->
 
 @pytest.mark.parametrize("kind", ["room", "maps"])
 def test_what_is_read_while_it_is_replaced_is_of_one_generation(kind: str, tmp_path: Path) -> None:
-    """Another process writes one generation after the other, without a pause.
+    """Another process writes one generation after another without a pause.
 
-    A room is read in two steps, its transport after its calibration: in between it may be refused, never mixed.
+    A room is read in two steps, calibration then transport. In between, the room may be refused, but never mixed.
     """
     write, name = KINDS[kind]
     folder = str(tmp_path / name)

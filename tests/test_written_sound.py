@@ -1,4 +1,4 @@
-"""Sound of films that are written: the source's own packets, in step with the pictures, or a line that says why not."""
+"""Sound of written films: the source's own packets, in step with the pictures, or a line with the reason."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -13,14 +13,14 @@ from tests.media import RATE, numbered, write_video
 from tests.programs import command, succeed
 from tests.rooms import write_blurred_room
 
-SAMPLES = 48_000  # a second
+SAMPLES = 48_000  # per second
 FRAMES = 40
-FIRST = 7  # frames before the first picture: a source's clock does not begin at 0
+FIRST = 7  # frames before the first picture: a source's clock need not begin at 0
 TIME_TOLERANCE_S = 1e-3  # Matroska counts milliseconds
 
 
 def write_film(path: Path, codec: str) -> Path:
-    """Pictures as tests.media has them, and a tone that rises, from before the first picture on."""
+    """Write the pictures of tests.media and a rising tone that starts before the first picture."""
     with av.open(str(path), "w") as container:
         video: Any = container.add_stream("libx264", rate=RATE, options={"qp": "0"})
         video.height, video.width, video.pix_fmt = 34, 46, "yuv420p"
@@ -38,7 +38,7 @@ def write_film(path: Path, codec: str) -> Path:
 
 
 def tone(i: int, kind: str) -> av.AudioFrame:
-    """A fifth of a second."""
+    """Return a fifth of a second of sound."""
     time = (np.arange(SAMPLES // 5) + i * SAMPLES // RATE) / SAMPLES
     pairs = np.stack([np.sin(2 * np.pi * (300 + 200 * time) * time)] * 2).astype(np.float32) / 2
     whole = av.AudioFrame.from_ndarray(pairs, format="fltp", layout="stereo")
@@ -47,7 +47,7 @@ def tone(i: int, kind: str) -> av.AudioFrame:
 
 
 def sound(path: Path) -> list[tuple[float, bytes]]:
-    """Packets and their times from the first picture on."""
+    """Return packets and their times relative to the first picture."""
     with av.open(str(path)) as container:
         first = next(container.decode(video=0)).time
     with av.open(str(path)) as container:
@@ -64,7 +64,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def play(room: Path, film: Path, output: Path, *words: object) -> str:
-    """Uncompensated; returns what is told."""
+    """Play without compensation; return the printed text."""
     told = *("--no-compensation", "--backend", "cpu", "--refine", "0"), "--output", output, *words
     done = command("play", room, film, *told)
     assert done.returncode == 0, done.stderr

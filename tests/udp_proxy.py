@@ -1,4 +1,4 @@
-"""A wire between two machines that delays datagrams and loses some."""
+"""A network wire that delays datagrams and loses some."""
 
 import random
 import socket
@@ -10,10 +10,11 @@ from heapq import heappop, heappush
 
 
 class Wire:
-    """Passes what arrives at `port` to `target`, and its answers back.
+    """Passes datagrams from `port` to `target`, and the answers back.
 
-    delay_s : least and most of each way, drawn anew for every datagram, so that they overtake one another.
-    loss : share of the datagrams of each way.  cut : nothing gets through.
+    delay_s : least and largest delay in each direction, drawn per datagram, so that datagrams may overtake.
+    loss : share of lost datagrams in each direction.
+    cut : True drops everything.
     """
 
     def __init__(self, target: int, delay_s: tuple[float, float], loss: float, seed: int = 1) -> None:

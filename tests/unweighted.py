@@ -1,7 +1,7 @@
 """The unweighted optimum over lit pixels, by scipy and from T alone: the judge of every "dB below the best".
 
-Lit are camera pixels whose floodlight T·1 exceeds 1 % of its 99th percentile. Inside the border are those at least
-four pixels within the lit area. Everything is of one channel.
+Camera pixels are lit if their floodlight T·1 exceeds 1 % of its 99th percentile. Pixels are inside the border if
+they lie at least four pixels within the lit area. Every array holds one channel.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,11 @@ ROUNDS, STEPS = 40, 250
 
 @dataclass(frozen=True)
 class Judge:
-    """T : (camera pixels, projector pixels).  camera : (height, width)."""
+    """Judges drives of one room.
+
+    T : (camera pixels, projector pixels).
+    camera : (height, width).
+    """
 
     T: sparse.csr_array
     camera: tuple[int, int]
@@ -33,19 +37,23 @@ class Judge:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """Empty where the lit area is nowhere nine pixels wide."""
+        """Return the pixels inside the border; none if the lit area is nowhere nine pixels wide."""
         return ndimage.binary_erosion(self.lit, np.ones((3, 3)), iterations=BORDER, border_value=0)
 
     def psnr(self, p: np.ndarray, b: np.ndarray, white: float) -> tuple[float, float]:
-        """Decibels against white, over all lit pixels and inside the border.  p, b : (pixels,)."""
+        """Return decibels against white, over all lit pixels and inside the border.
+
+        p : (projector pixels,). Drive.
+        b : (camera pixels,). Target.
+        """
         errors = ((self.T @ p - b) ** 2).reshape(self.camera)
         over_all, within = (float(10 * np.log10(white**2 / errors[part].mean())) for part in (self.lit, self.inside))
         return over_all, within
 
     def optimum(self, b: np.ndarray) -> np.ndarray:
-        """The drive of least Σ (T p − b)² over the lit pixels, 0 ≤ p ≤ 1, to CERTAIN_DB.
+        """Return the drive that minimises Σ (T p − b)² over the lit pixels, 0 ≤ p ≤ 1, to CERTAIN_DB.
 
-        L-BFGS-B until the gap Σ max(g p, g (p − 1)) certifies it.
+        L-BFGS-B runs until the gap Σ max(g p, g (p − 1)) certifies it.
         """
         A = sparse.csr_array(sparse.diags_array(self.lit.ravel().astype(float)) @ self.T.astype(np.float64))
         At, wanted = sparse.csr_array(A.T), np.where(self.lit.ravel(), b, 0)
@@ -65,7 +73,7 @@ class Judge:
         raise AssertionError("scipy did not come within its tolerance")
 
     def direct(self, b: np.ndarray) -> np.ndarray:
-        """Direct mapping: each projector pixel asks the camera pixel that it lights most for b over its floodlight."""
+        """Return direct mapping: a projector pixel takes b / floodlight of the camera pixel that it lights most."""
         columns = self.T.tocsc()
         most, lights = np.asarray(columns.argmax(axis=0)).ravel(), np.asarray(columns.sum(axis=0)).ravel() > 0
         asked = np.divide(b[most], self.floodlight[most], out=np.zeros(most.size), where=lights)

@@ -1,4 +1,4 @@
-"""A set of two views, for tests: two small physical rooms as seen from 0 and from 1."""
+"""A set of two views for tests: two small physical rooms, seen from 0 and from 1."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from tests.rooms import CAMERA, rgb_frame
 
 
 def two_views(*, far: bool = False) -> list[PhysicalRoom]:
-    """Of the same size; T, ambient light and masks are unlike, as two views' are, only more so."""
+    """Return two rooms of equal size. Their T, ambient light and masks differ more than real views."""
     return [physical_room(np.random.default_rng(seed), far=far) for seed in (1, 2)]
 
 
@@ -22,6 +22,6 @@ def as_set(views: list[PhysicalRoom], start: str = "previous") -> Room:
 
 
 def letters(seed: int = 0) -> Frame:
-    """Black, grey and white pixels."""
+    """Return black, grey and white pixels."""
     codes = np.random.default_rng(seed).choice([0, 90, 255], (*CAMERA, 3)).astype(np.uint8)
     return rgb_frame(codes)

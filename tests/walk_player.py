@@ -20,13 +20,13 @@ NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "lat
 
 
 class Watcher:
-    """Prints the properties when one has changed."""
+    """Prints the properties whenever one has changed."""
 
     def __init__(self) -> None:
         self._before: dict[str, Any] = {}
 
     def poll(self, commands: Commands) -> None:
-        if not commands.get("frames"):  # nothing plays yet
+        if not commands.get("frames"):  # no medium plays yet
             return
         state = {name: commands.get(name) for name in commands.properties() if name not in NOT_WATCHED}
         if state != self._before:
@@ -35,7 +35,7 @@ class Watcher:
 
 
 class Caller:
-    """Makes one call every few loops, so that its effect is drawn, and quits after the last."""
+    """Makes one call every few loops, so that its effect is drawn, and quits after the last call."""
 
     def __init__(self, calls: list[list[Any]]) -> None:
         self._calls: Iterator[list[Any]] = iter(calls)

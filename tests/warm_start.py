@@ -1,10 +1,10 @@
-"""Commands by copies of an interpreter that has imported the product: small commands do little else.
+"""Runs commands in copies of an interpreter that has imported the product. Small commands spend their time on imports.
 
-    python tests/warm_start.py SOCKET      # a descriptor, by which requests come; it ends when the other side goes
+    python tests/warm_start.py SOCKET      # file descriptor of the requests; the server ends when it is closed
 
-Each request is forked: a process with its own arguments, environment, folder, limits and streams, which runs the script
-as Python does and ends as Python does. The server has imported modules and called nothing. Asked by copies.py; knows
-nothing of the tests. FRESH=1 runs every command in a new interpreter; test_wheel.py does so always.
+Each request is forked: a process with its own arguments, environment, folder, limits and streams runs the script
+as Python does, and ends as Python does. The server has imported modules and called nothing. copies.py uses the
+server. FRESH=1 runs every command in a new interpreter; test_wheel.py always does so.
 """
 
 import atexit
@@ -49,15 +49,15 @@ def import_all() -> dict[str, str]:
             importlib.import_module(module.name)
     from numba.core.registry import cpu_target
 
-    cpu_target.typing_context.refresh()  # what the first compiled function would do
+    cpu_target.typing_context.refresh()  # as the first compiled function would do
     cpu_target.target_context.refresh()
     gc.collect()
-    gc.freeze()  # copies share the pages
+    gc.freeze()  # copies share the memory pages
     return {name: value for name, value in os.environ.items() if before.get(name) != value}
 
 
 def request_here(words: list[str], environment: dict[str, str], folder: Path) -> bytes:
-    """What this process would hand down to a program that it starts in a folder."""
+    """Return the settings that this process would pass to a program that it starts in a folder."""
     limits = [(which, *resource.getrlimit(which)) for which in LIMITS]
     umask = os.umask(0)
     os.umask(umask)
@@ -66,7 +66,7 @@ def request_here(words: list[str], environment: dict[str, str], folder: Path) ->
 
 
 def served(requests: socket.socket) -> tuple[Request, list[int]] | None:
-    """Fork for each request, and tell how it ended; returns in the copies, and without a request at the end."""
+    """Fork for each request and report its exit; return in each copy, and without a request at the end."""
     running: dict[int, tuple[int, int]] = {}
     with selectors.DefaultSelector() as selector:
         selector.register(requests, selectors.EVENT_READ)
@@ -90,7 +90,7 @@ def served(requests: socket.socket) -> tuple[Request, list[int]] | None:
 
 
 def _tell(reply: int, number: int) -> None:
-    with contextlib.suppress(BrokenPipeError):  # whoever asked has gone
+    with contextlib.suppress(BrokenPipeError):  # the client has gone
         os.write(reply, b"%d\n" % number)
 
 
@@ -101,9 +101,9 @@ def _tell_end(watch: int, pid: int, reply: int) -> None:
 
 
 def become(request: Request, streams: list[int], imported: dict[str, str]) -> None:
-    """Run a script as a program that was started anew; nothing but its streams is open.
+    """Run a script as a freshly started program with only its streams open.
 
-    imported : environment variables that the product has set while it was imported.
+    imported : environment variables that the product set during import.
     """
     for number, descriptor in enumerate(streams):
         os.dup2(descriptor, number)
@@ -127,25 +127,25 @@ def become(request: Request, streams: list[int], imported: dict[str, str]) -> No
 
 
 def _end(ending: SystemExit) -> None:
-    """End as Python does, except for the release of every object: that copies the server's pages, for 0.2 s.
+    """End as Python does, but without releasing every object, which copies the server's pages and takes 0.2 s.
 
-    Returns where Python has something to say at the end.
+    Returns if Python has an error to report at the end.
     """
     code = 0 if ending.code is None else ending.code
     if isinstance(code, int):
         threading._shutdown()  # type: ignore[attr-defined]
         atexit._run_exitfuncs()
-        with contextlib.suppress(OSError, ValueError):  # a full disk, a reader that has gone, or a closed stream
+        with contextlib.suppress(OSError, ValueError):  # a full disk, a closed reader, or a closed stream
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(code & 0xFF)
 
 
 def main() -> None:
-    if os.fork():  # nobody's child: tests count theirs
+    if os.fork():  # the server is no child of a test, because tests count their children
         os._exit(0)
     imported = import_all()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the copies, and for whoever asked for them
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the copies and the client
     with socket.socket(fileno=int(sys.argv[1])) as requests:
         wanted = served(requests)
     if wanted:

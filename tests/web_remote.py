@@ -1,4 +1,4 @@
-"""A player with --remote and what visits it: WebSockets as a page opens them, and plain requests."""
+"""A player with --remote and its visitors: WebSockets as a page opens them, and plain requests."""
 
 import http.client
 import json
@@ -18,7 +18,7 @@ from tests.programs import PATIENCE_S, descendants, wait_until
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """That nobody has just now."""
+    """Return a port that is free now."""
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -26,7 +26,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a player's page is."""
+    """Address of a player's page."""
 
     port: int
     token: str
@@ -36,7 +36,7 @@ class Place:
         return f"http://127.0.0.1:{self.port}/#{self.token}"
 
     def get(self, path: str, method: str = "GET", **headers: str) -> tuple[int, dict[str, str], bytes]:
-        """Status, headers in lower case and body of a request."""
+        """Return status, headers in lower case, and body."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
         try:
             connection.request(method, path, headers=headers)
@@ -46,12 +46,12 @@ class Place:
             connection.close()
 
     def visit(self, **settings: Any) -> "Visitor":
-        """As the page does; `token`, `host` and `origin` may be others."""
+        """Connect as the page does, by default with the right `token`, `host` and `origin`."""
         return Visitor(self, **settings)
 
 
 class Visitor:
-    """A WebSocket: requests answered, events and values kept."""
+    """A WebSocket client: requests are answered, events and values are kept."""
 
     def __init__(self, place: Place, *, token: str | None = None, host: str = "", origin: str | None = None) -> None:
         words = "counterlight", place.token if token is None else token
@@ -65,7 +65,7 @@ class Visitor:
             proxy=None,
         )
         self._socket = self._leave.enter_context(connection)
-        self._number = 1000  # beyond what tests send themselves
+        self._number = 1000  # above the numbers that tests use
         self.values: dict[str, Any] = {}
         self.events: list[dict[str, Any]] = []
 
@@ -75,7 +75,7 @@ class Visitor:
         return self.answer(self._number)
 
     def answer(self, number: int) -> dict[str, Any]:
-        """To the request of that number; 0 for what had none."""
+        """Return the answer to the request of that number; 0 for an answer without a number."""
         while True:
             told = self.hear()
             if told.get("request_id") == number:
@@ -90,7 +90,7 @@ class Visitor:
         self._socket.send(message)
 
     def hear(self) -> dict[str, Any]:
-        """The next message; events and values are kept, too."""
+        """Receive the next message, and store events and values."""
         told = dict(json.loads(self._socket.recv(timeout=PATIENCE_S)))
         if told.get("event") == "properties":
             self.values |= told["values"]
@@ -114,7 +114,7 @@ class Visitor:
 
 @contextmanager
 def show_with_remote(display: str, folder: Path, *arguments: object) -> Iterator[tuple[Any, Place]]:
-    """A player that has shown a frame; its token is kept in `folder`."""
+    """Run a player that has shown a frame. Its token is stored in `folder`."""
     port = free_port()
     options = "--no-config", "--no-audio", "--remote", port
     with playing(display, *arguments, *options, folder=folder, XDG_STATE_HOME=str(folder)) as process:
@@ -127,12 +127,12 @@ def show_with_remote(display: str, folder: Path, *arguments: object) -> Iterator
 
 
 def printed_address(text: str) -> re.Match[str] | None:
-    """Port and token, as the player prints them."""
+    """Return port and token as the player prints them."""
     return re.search(r"^remote: http://[\w.:\[\]-]+:(\d+)/#([\w-]+)$", text, re.MULTILINE)
 
 
 def child(pid: int, module: str) -> int:
-    """Of a process' descendants, the one that runs a module."""
+    """Return the descendant of a process that runs a module."""
     told = {each: Path(f"/proc/{each}/cmdline").read_bytes().split(b"\0") for each in descendants(pid)}
     (found,) = (each for each, words in told.items() if module.encode() in words)
     return found

@@ -1,4 +1,4 @@
-"""Every command that writes, small: its words, what was there before under the names that it writes, what it left."""
+"""Every command that writes, on small data: its arguments, existing outputs before it, and its results."""
 
 import shutil
 from collections.abc import Mapping
@@ -41,12 +41,12 @@ COMMANDS = {
     "play.mkv": "app ROOM CLIP --frames 8 --output OUT/o.mkv",
     "play%d.png": "app ROOM CLIP --frames 8 --output OUT/f%02d.png",
 }
-PAGE = 4096  # what a tmpfs gives room in
+PAGE = 4096  # allocation unit of a tmpfs
 OLD = "o.png", "o.exr", "o.mp4", "o.webm", "o.mkv", "r.toml", "s.json", "f00.png", "f01.png"
 
 
 def write_inputs(room: Path) -> None:
-    """A room with its maps, and beside it what the commands read."""
+    """Write a room with its maps, and the other inputs of the commands."""
     here, rng = room.parent, np.random.default_rng(4)
     write_blurred_room(room, np.random.default_rng(3))
     assert build_correction_map.main([str(room), "--regularize", "0.1"]) == 0
@@ -58,7 +58,7 @@ def write_inputs(room: Path) -> None:
 
 
 def words_of(command: str, out: Path, room: Path) -> tuple[str, list[list[str]]]:
-    """Function and arguments of a command, for tests.faults.Runner."""
+    """Return function and arguments of a command, for tests.faults.Runner."""
     here = room.parent
     names = {"ROOM": room, "CLIP": CLIP, "SCENE": SCENE, "PICTURE": here / "picture.png", "OUT": out, "HERE": here}
     shots = [str(here / "shots" / f"shot{i:02}.png") for i in range(4)]
@@ -74,7 +74,7 @@ def _named(word: str, names: dict[str, Path]) -> str:
 
 
 def furnish(out: Path, room: Path) -> dict[str, bytes]:
-    """What is there before: an output of every kind, and what the command builds on."""
+    """Create an output of every kind, and the folders that the command extends."""
     for name in OLD:
         (out / name).write_text(f"old {name}")
     shutil.copytree(room, out / "room")
@@ -86,12 +86,12 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def room_for(files: Mapping[str, bytes]) -> int:
-    """Bytes of the pages that files fill."""
+    """Return the bytes of the pages that files fill."""
     return sum(-(-len(content) // PAGE) * PAGE for content in files.values())
 
 
 def is_whole(folder: Path, name: str) -> bool:
-    """What stays of an acquisition: captures for the run that goes on, and its room when the report found no place."""
+    """Return whether a file that an interrupted acquisition may leave is complete: a capture, session or room."""
     path = folder / name
     if name.startswith("made.captures/captures/"):
         return read_picture(path).size > 0
@@ -101,7 +101,7 @@ def is_whole(folder: Path, name: str) -> bool:
 
 
 def screenshot(folder: str, seed: int) -> str:
-    """Saved in a session whose surroundings are made up; returns its path."""
+    """Save a screenshot in a session with stand-ins; return its path."""
     stage = Stage(screenshots=Path(folder))
     picture = np.random.default_rng(seed).integers(0, 256, (30, 40, 3), np.uint8)
     stage.screen.encoded = lambda: picture  # type: ignore[attr-defined]

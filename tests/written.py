@@ -1,6 +1,6 @@
-"""What tests write while faults strike: each kind of output in a generation, small, told from every other generation.
+"""Small outputs of every kind, written while faults strike. Each generation differs from all others.
 
-Functions take JSON-able arguments, so that a runner (tests/faults.py) can call them, and are whole uses of the product.
+Functions take JSON-able arguments, so that a runner (tests/faults.py) can call them, and use the product as a whole.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ from counterlight.writing.replacing import replacing_file, replacing_sequence
 from tests.rooms import random_map
 
 SHAPE = (5, 7)
-LONGEST = 6, 4  # rows of the correction map, and of the transport
+LONGEST = 6, 4  # rows of the correction map and of the transport
 LINEAR = Response("linear")
 
 
@@ -35,7 +35,7 @@ def write_file(path: str, generation: int) -> None:
 
 
 def file_generation(path: str) -> int | None:
-    """Which generation is there; the test fails if it is not whole."""
+    """Return which generation is there. The test fails if the file is incomplete."""
     if not Path(path).exists():
         return None
     lines = Path(path).read_text().split()
@@ -56,7 +56,7 @@ def write_room(folder: str, generation: int) -> None:
 
 
 def room_generation(folder: str) -> int | None:
-    """As the product reads it, whoever was killed before."""
+    """Return the generation as the product reads it, even after a kill."""
     try:
         stored = calibration.read(Path(folder))
     except InputError as error:
@@ -70,7 +70,7 @@ def room_generation(folder: str) -> int | None:
 
 
 def write_room_maps(folder: str, generation: int) -> None:
-    """Maps whose numbers are drawn from the generation; their white level says which."""
+    """Write maps with random numbers seeded by the generation. Their white level states the generation."""
     rng = np.random.default_rng(generation)
     stored = calibration.read(Path(folder))
     with maps.replacing(stored) as stage:
@@ -95,7 +95,7 @@ def maps_generation(folder: str) -> int | None:
 
 
 def write_sequence(pattern: str, generation: int) -> None:
-    """A sequence of 3 frames, or of 5 if the generation is odd."""
+    """Write a sequence of 3 frames, or 5 if the generation is odd."""
     check_sequence(Path(pattern))
     with replacing_sequence(Path(pattern)) as stage:
         for number in range(frames_of(generation)):
@@ -108,7 +108,7 @@ def frames_of(generation: int) -> int:
 
 
 def sequence_generation(pattern: str) -> int | None:
-    """As the player finds it."""
+    """Return the generation as the player finds it."""
     try:
         first, paths = _sequence(Path(pattern))
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Where commands that write are struck: what they leave must be old or new, each as a whole, and clean at last."""
+"""Commands that write, struck by faults: their outputs must be old or new, each complete, and clean after a rerun."""
 
 import re
 import shutil
@@ -14,11 +14,11 @@ from tests.faults import Fault, Run, Runner
 from tests.fuzz.tally import CRASHED, HUNG, LEFT, READ, REFUSED, WRONG, Trial
 from tests.writing_commands import COMMANDS, contents, furnish, is_whole, room_for, words_of, write_inputs
 
-MARK = ".counterlight-partial"  # in the name of every hidden folder of a writer
+MARK = ".counterlight-partial"  # part of the name of every writer's hidden folder
 SEQUENCE, CAPTURES = "f%02d.png", "made.captures"
-REPORT = "made.report/"  # which tells seconds
-KILLED, ASKED = -9, 130  # exit codes: of kill -9, and of whoever ends because he is asked to
-NO_END = -1000  # instead of an exit code: it had to be killed
+REPORT = "made.report/"  # contains measured seconds
+KILLED, ASKED = -9, 130  # exit codes after kill -9, and after a request to end
+NO_END = -1000  # replaces an exit code: the process had to be killed
 Unit: TypeAlias = Mapping[str, bytes | None]
 
 
@@ -26,9 +26,12 @@ Unit: TypeAlias = Mapping[str, bytes | None]
 class Blow:
     """How a command is struck.
 
-    words : for a finding.  act : runs the command in a folder, and strikes.  ends : exit codes that it may have then.
-    exchange : whether folders can be exchanged.  place : where the folder is furnished and the command run.
-    resumed : whether the same command is run again afterwards, and must succeed.
+    words : for a finding.
+    act : runs the command in a folder, and strikes.
+    ends : exit codes that are allowed then.
+    exchange : whether folders can be exchanged.
+    place : where the folder is furnished and the command run.
+    resumed : whether the same command runs again afterwards, and must succeed.
     """
 
     words: str
@@ -41,9 +44,10 @@ class Blow:
 
 @dataclass(frozen=True)
 class Clean:
-    """A command that nothing disturbs: its steps and seconds, and what it leaves.
+    """An undisturbed run of a command: its steps, seconds and outputs.
 
-    taken : bytes of the new files' pages.  vague : what differs from run to run.
+    taken : bytes of the new files' pages.
+    vague : outputs that differ from run to run.
     """
 
     steps: int
@@ -54,9 +58,9 @@ class Clean:
 
 
 def units_of(folder: Path, vague: frozenset[str]) -> dict[str, Unit]:
-    """What is in a folder by what is replaced as a whole: a file, a folder, a correction map, a sequence.
+    """Return a folder's content by units that are replaced as a whole: a file, a folder, a correction map, a sequence.
 
-    Of what is vague, only the names count.
+    Of `vague` outputs, only the names count.
     """
     units: dict[str, dict[str, bytes | None]] = {}
     for name, content in contents(folder).items():
@@ -73,10 +77,10 @@ def _unit(name: str) -> str:
 
 
 class Bench:
-    """Inputs of every command, and what each makes of them when nothing disturbs it.
+    """Inputs of every command, and the command's outputs in an undisturbed run.
 
     out : the folder that commands write into, the same for every run.
-    furnished : bytes of the pages of what is there before.
+    furnished : bytes of the pages of existing files.
     """
 
     def __init__(self, runner: Runner, scratch: Path, commands: Sequence[str] = tuple(COMMANDS)) -> None:
@@ -104,12 +108,12 @@ class Bench:
         return self._runner.run(function, [[*words, *more]], fault)
 
     def program(self, command: str, out: Path) -> list[str]:
-        """The command as a process of its own."""
+        """Return the command as a separate process."""
         function, (words,) = words_of(COMMANDS[command], out, self._room)
         return [sys.executable, "-m", function.partition(":")[0], *words]
 
     def _undisturbed(self, command: str) -> Clean:
-        """Twice, at the same path, for paths are part of what is written."""
+        """Run the command twice at the same path, because outputs contain paths."""
         runs, files = [], []
         for _ in range(2):
             out = self._emptied()
@@ -125,8 +129,8 @@ class Bench:
         return Clean(runs[0].steps, seconds, taken, units_of(out, vague), vague)
 
     def _resumed(self, command: str, out: Path, clean: Clean) -> tuple[str, str] | None:
-        """The same command again, as somebody would after a power failure."""
-        again = ["--force"] if (out / "made").exists() else []  # it was struck when its work was done
+        """Run the same command again, as a user would after a power failure."""
+        again = ["--force"] if (out / "made").exists() else []  # the first run had finished its work
         run = self.run(command, out, more=again)
         if run.code != 0:
             return CRASHED, f"the next run ended with {run.code}: {run.words}"
@@ -143,7 +147,7 @@ class Bench:
 
 
 def _struck(run: Run, blow: Blow, out: Path, before: Mapping[str, Unit], clean: Clean) -> tuple[str, str] | None:
-    """What is wrong right after the blow; None if nothing is."""
+    """Return the fault right after the blow, or None."""
     if run.code == NO_END:
         return HUNG, run.words
     if run.code not in blow.ends or "Traceback" in run.words:
@@ -173,7 +177,10 @@ def _complaint(unit: str, after: Unit | None, before: Unit | None, made: Unit | 
 
 
 def _may_be_absent(unit: str, after: Mapping[str, Unit], blow: Blow) -> bool:
-    """Until the next command: a folder between two renames, and frames of a set that is moved, number 0 last."""
+    """Return whether a unit may be missing until the next command.
+
+    A folder may be missing between two renames. Frames of a moved set may be missing; number 0 moves last.
+    """
     if unit == SEQUENCE:
         return "f00.png" not in after.get(unit, {})
     return not blow.exchange and unit not in after

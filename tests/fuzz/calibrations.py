@@ -1,7 +1,7 @@
 """Damaged rooms: every file of a calibration with far light, its maps and a placement.
 
-Under its old checksum a changed file must be refused. With its checksum made anew, as an attacker would, the room may
-be read; then it can be built, and what it shows is finite.
+A changed file with its old checksum must be refused. With a new checksum, as an attacker would write, the room may be
+read. Then it can be built, and its pictures are finite.
 """
 
 import shutil
@@ -31,7 +31,7 @@ HOWS = OLD, OLD, RENEWED, RENEWED, RENEWED, BUILT
 
 
 class Calibrations(FileCampaign):
-    """A mutant of one file of a room, in its place."""
+    """A mutant of one file of a room, in the file's place."""
 
     name, count = "calibrations", 800
     purpose = "damaged files of a room with maps, under their old and under renewed checksums"
@@ -49,7 +49,7 @@ class Calibrations(FileCampaign):
         self._described = set(tomllib.loads(self._room.files[calibration.TOML].decode())["files"]) | {calibration.TOML}
         listed = tomllib.loads(self._room.files[MANIFEST_NAME].decode())["files"]
         self._described |= {f"{FOLDER}/{name}" for name in listed}
-        self._shown()  # Numba compiles at first, which no file is to blame for
+        self._shown()  # Numba compiles first, which is no file's fault
 
     def draw(self, rng: np.random.Generator) -> Case:
         name = self._names[rng.integers(len(self._names))]
@@ -82,7 +82,7 @@ class Calibrations(FileCampaign):
         build_room_maps(calibration.read(self._room.folder), InverseOptions())
 
     def _shown(self) -> str:
-        """What is wrong with the pictures that a player makes of the room; empty if nothing is."""
+        """Return the fault in the pictures that a player makes of the room; empty if there is none."""
         try:
             room, corners = read_room(self._room.folder, None), read_placement(self._room.folder)
         except InputError as error:
@@ -101,7 +101,7 @@ class Calibrations(FileCampaign):
         return ""
 
     def _restore(self) -> None:
-        """Every file as it was, whatever was built meanwhile."""
+        """Restore every file, whatever was built in the meantime."""
         for path in sorted(self._room.folder.rglob("*"), reverse=True):
             if path.is_file() and path.relative_to(self._room.folder).as_posix() not in self._room.files:
                 path.unlink()

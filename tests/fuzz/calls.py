@@ -1,4 +1,4 @@
-"""A program under a system-call watch (strace): what it and its children open, write, run, call and listen to."""
+"""A program under system-call watch (strace): opened and written files, started programs, network addresses."""
 
 import os
 import re
@@ -25,7 +25,7 @@ _TO_WRITE = re.compile(r"O_WRONLY|O_RDWR|O_CREAT|O_TRUNC|O_APPEND")
 
 
 def watched(words: Sequence[object], log: Path) -> list[str]:
-    """The command line that runs a program with its calls told in a file."""
+    """Return the command line that runs a program and logs its system calls to a file."""
     strace = shutil.which("strace")
     assert strace, "strace is missing; install it with: apt-get install strace"
     traced = ",".join([_OPENING, _CHANGING, *_OTHERS])
@@ -47,7 +47,7 @@ def watched(words: Sequence[object], log: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Call:
-    """What was done, and to what: a path without links as far as the kernel told it, or an address."""
+    """A call and its object: a path, with links resolved as far as the kernel reports, or an address."""
 
     kind: str
     target: str
@@ -62,9 +62,9 @@ def calls_of(log: Path) -> set[Call]:
 
 @dataclass(frozen=True)
 class Rules:
-    """What may be done: what a harmless run does (`known`), reading the program itself and below `roots`.
+    """Allowed calls: those of a harmless run (`known`), and reading the program itself and files below `roots`.
 
-    scratch : a folder in which anything may be made, for the program's own temporary files.
+    scratch : a folder in which every call may create files, for the program's own temporary files.
     """
 
     known: frozenset[Call]
@@ -75,7 +75,7 @@ class Rules:
         return sorted(str(call) for call in calls if not self._may(call))
 
     def _may(self, call: Call) -> bool:
-        inside = f'sa_family=AF_UNIX, sun_path="{self.scratch}/'  # the show's own socket, whose names change
+        inside = f'sa_family=AF_UNIX, sun_path="{self.scratch}/'  # the show's own socket, whose name changes
         if call in self.known or call.target.startswith(inside) or _is_below(call.target, self.scratch):
             return True
         return call.kind == READS and any(_is_below(call.target, root) for root in (*OURS, *self.roots))
@@ -114,12 +114,12 @@ def _paths(arguments: str) -> list[str]:
 
 
 def _normal(path: str) -> str:
-    """Without the numbers of processes, descriptors and deleted files."""
+    """Remove the numbers of processes, descriptors and deleted files."""
     return _NUMBER.sub("N", path.removesuffix("(deleted)"))
 
 
 def _address(arguments: str) -> str:
-    """`{sa_family=AF_UNIX, sun_path=@"/tmp/.X11-unix/X77"}` as it stands."""
+    """Return the address in text such as `{sa_family=AF_UNIX, sun_path=@"/tmp/.X11-unix/X77"}`."""
     return arguments.partition("{")[2].partition("}")[0]
 
 

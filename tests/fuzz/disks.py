@@ -1,4 +1,4 @@
-"""Every command that writes, on a file system that has no room for its outputs, or not enough."""
+"""Every command that writes, on a file system with too little space for its outputs."""
 
 from functools import partial
 
@@ -9,7 +9,7 @@ from tests.writing_commands import COMMANDS, PAGE
 
 
 class Disks:
-    """From no page to a little more than the new files take; the old ones fit exactly."""
+    """The free space ranges from no page to slightly more than the new files need. The old files fit exactly."""
 
     name, count = "disks", 34
     purpose = "commands on a full disk: file systems of random sizes (needs the right to mount)"

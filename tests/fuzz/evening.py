@@ -1,7 +1,7 @@
 """An evening in rounds of a minute: three people at the remote, a stream cut off, a monitor that comes and goes.
 
-Each of them sends a random command of the page's a second. Behind each round the picture is set back to what an
-audience would see: it must be there, moving, on its monitor; the heartbeat never late, memory as it was.
+Each person sends a random command of the page per second. After each round, the settings return to those of a show.
+The picture must be there, moving, on its monitor, with heartbeats in time and memory unchanged.
 """
 
 import time
@@ -34,12 +34,12 @@ SHOW: dict[str, object] = {
     **{"corners": None, "flicker": 0.0, "clipping": False, "budget": "no", "within": "no"},
     **{"monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
 }
-HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and what has no kind to draw from
-DARK = 20  # codes; the clip's pictures have brighter places
+HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and properties without a kind to draw from
+DARK = 20  # code value; the clip's pictures have brighter places
 
 
 class Evening:
-    """Trials are rounds."""
+    """Each trial is a round."""
 
     name, count = "evening", 3
     purpose = "three people at the remote, a stream cut off, a monitor gone and back; a minute each"
@@ -101,7 +101,7 @@ def _round(
 
 
 def _calm(process: Any, visitor: Visitor, media: list[str], display: str, heart: Heart, asked: int) -> Trial:
-    """The show as an audience is to see it."""
+    """Reset the show to the state for an audience, and judge the round."""
     for name, value in SHOW.items():
         answer = visitor.ask("set_property", name, value)
         if answer["error"] != "success":
@@ -118,12 +118,12 @@ def _calm(process: Any, visitor: Visitor, media: list[str], display: str, heart:
     except AssertionError as error:
         return Trial(HUNG, f"not there within {PATIENCE_S:.0f} s: {error}")
     heart.look()
-    late = heart.longest_s > 3.0  # a second between beats, and two late
+    late = heart.longest_s > 3.0  # a second between beats, and two seconds late
     return Trial(HUNG, f"{heart.longest_s:.1f} s between beats") if late else Trial(READ, f"{asked} commands")
 
 
 def _request(rng: np.random.Generator, visitor: Visitor, media: list[str]) -> list[object]:
-    """One of what the page can ask."""
+    """Return a random request that the page can send."""
     known = next(event for event in visitor.events if event["event"] == "known") if visitor.events else None
     if known is None:
         return ["get_property", "frames"]
@@ -154,7 +154,7 @@ def _request(rng: np.random.Generator, visitor: Visitor, media: list[str]) -> li
 
 
 def drawn_value(rng: np.random.Generator, info: dict[str, Any]) -> object:
-    """Of a property, as it is told (registry.py); nonsense where no kind says what it takes."""
+    """Return a random value that fits a property's description (registry.py); nonsense if it has no kind."""
     choices = info.get("choices") or []
     if info["type"] == "flag":
         return bool(rng.integers(2))

@@ -1,18 +1,23 @@
-"""What a show's heartbeat has told so far."""
+"""The heartbeats of a show so far."""
 
 import json
 from pathlib import Path
 
 
 class Heart:
-    """longest_s : between two beats.  grown : bytes beyond what it had at the first.  resident : bytes, at the last."""
+    """Figures of a show's heartbeats.
+
+    longest_s : longest time between two beats.
+    grown : bytes above the first beat's memory.
+    resident : bytes at the last beat.
+    """
 
     def __init__(self, log: Path) -> None:
         self._log, self._read, self._since, self._first = log, 0, 0.0, 0
         self.longest_s, self.frames, self.dropped, self.resident, self.grown = 0.0, 0, 0, 0, 0
 
     def look(self) -> None:
-        """Take the beats since the last look."""
+        """Read the beats since the last look."""
         with self._log.open() as lines:
             lines.seek(self._read)
             text = lines.read()

@@ -1,4 +1,4 @@
-"""Every command that writes, killed or refused (no space) at every step by which something gets onto the disk."""
+"""Every command that writes, killed or refused (no space) at every step by which data reach the disk."""
 
 from functools import partial
 
@@ -6,12 +6,12 @@ from tests.faults import KILL, REFUSE, Fault, Runner
 from tests.fuzz.bench import KILLED, Bench, Blow
 from tests.fuzz.tally import Plan, Tally
 
-HOWS = (KILL, True), (KILL, False), (REFUSE, True)  # and whether folders can be exchanged
-ENDS = {KILL: (KILLED, 0), REFUSE: (0, 2)}  # 0: struck where it only tidied up
+HOWS = (KILL, True), (KILL, False), (REFUSE, True)  # kind of strike, and whether folders can be exchanged
+ENDS = {KILL: (KILLED, 0), REFUSE: (0, 2)}  # 0: struck during its final cleanup
 
 
 class Kills:
-    """Every step of every command, struck in three ways, in random order; then the command again."""
+    """Every step of every command is struck in three ways, in random order. Then the command runs again."""
 
     name, count = "kills", 60
     purpose = "commands killed or refused at a step of their writing"

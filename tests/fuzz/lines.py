@@ -1,4 +1,4 @@
-"""Random lines to the control socket of a show: bytes, mutilated requests, known words in any order."""
+"""Random lines to the control socket of a show: bytes, damaged requests, known words in any order."""
 
 import json
 import subprocess
@@ -13,7 +13,7 @@ from tests.player_page import table
 from tests.programs import PATIENCE_S, wait_until
 from tests.remote import Client
 
-OUTSTANDING = 100  # lines without an answer at most, so that neither side waits for the other
+OUTSTANDING = 100  # lines without an answer at most, so that neither side blocks
 WORDS = (
     *("get_property", "set_property", "observe_property", "cycle", "add", "multiply", "set", "place", "seek"),
     *("loadfile", "place-move", "place-scale", "place-save", "show-text", "ab-loop", "frame-step", "reload"),
@@ -23,7 +23,7 @@ THINGS: tuple[object, ...] = (*(row[0] for row in table("Properties")), *VALUES)
 
 
 class Lines:
-    """One client of a show that loops. Trials are lines; all are judged together, at the end."""
+    """One client of a looping show. Each trial is a line, and all are judged together at the end."""
 
     name, count = "lines", 10_000
     purpose = "random lines by one client of the control socket; the show must answer all and go on"
@@ -48,7 +48,7 @@ class Lines:
 def random_line(
     rng: np.random.Generator, index: int, words: Sequence[str] = WORDS, things: Sequence[object] = THINGS
 ) -> bytes:
-    """Never blank, and never `quit`, which no word is one letter from."""
+    """Return a random line, never blank and never `quit`. No random change of one letter produces `quit`."""
     if index % 3 == 0:
         return rng.bytes(int(rng.integers(1, 200))).replace(b"\n", b"") + b"."
     picked = [words[rng.integers(len(words))], *(things[i] for i in rng.integers(0, len(things), rng.integers(0, 4)))]
@@ -60,7 +60,7 @@ def random_line(
 
 
 def send_and_count(client: Client, lines: Iterable[bytes]) -> int:
-    """Send lines and wait for the answer to each; returns their number."""
+    """Send lines and wait for the answer to each; return their number."""
     sent = answered = 0
     for line in lines:
         client.send(line)
@@ -74,7 +74,7 @@ def send_and_count(client: Client, lines: Iterable[bytes]) -> int:
 
 
 def assert_goes_on(client: Client, process: Any, medium: str) -> None:
-    """Undo what stops a show, and wait until it shows frames of a medium."""
+    """Undo everything that stops a show, and wait until the show displays frames of a medium."""
     for name, value in {"pause": False, "speed": 1, "blackout": False}.items():
         assert client.ask("set_property", name, value)["error"] == "success"
     client.ask("loadfile", medium)
@@ -84,5 +84,5 @@ def assert_goes_on(client: Client, process: Any, medium: str) -> None:
 
 
 def faults_told(errors: str) -> list[str]:
-    """Lines by which a player tells of a fault of its own in answering a client."""
+    """Return the lines in which a player reports its own fault while answering a client."""
     return [line for line in errors.splitlines() if line.startswith("control: ")]

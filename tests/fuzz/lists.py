@@ -1,6 +1,6 @@
 """Hostile names in lists and over the socket, and films that name others, in a real show under a system-call watch.
 
-Nothing may be opened outside the border, written, run, called or listened to beyond what a harmless show does.
+The show may open nothing outside the border. It may write, run, call or listen to nothing beyond a harmless show.
 """
 
 import json
@@ -26,14 +26,14 @@ from tests.programs import on, verb
 from tests.remote import Client
 from tests.rooms import write_blurred_room
 
-TOGETHER = 20  # names a show
+TOGETHER = 20  # names per show
 PATIENCE_S, LOOK_S = 120.0, 0.4
 OPTIONS = "--no-config", "--no-audio", "--path", "fragment", "--image-display-duration", "0.1"
 HARMLESS = Name("clip.mkv"), Name("nope.mkv"), Name("harmless.mp4", b"no video" * 99), Name("list.m3u", b"clip.mkv\n")
 
 
 class Lists:
-    """Names by the score: the lines of a list that is played to its end, or one `loadfile` after the other."""
+    """Names in groups of TOGETHER: lines of a list that plays to its end, or one `loadfile` after another."""
 
     name, count = "lists", 120
     purpose = "hostile names in lists and over the socket, under a system-call watch"
@@ -52,7 +52,7 @@ class Lists:
     def _judge(
         self, tally: Tally, show: "WatchedShow", indices: Sequence[int], names: Sequence[Name], *, remote: bool
     ) -> None:
-        """All at once; if something is wrong, one by one, to know which name it is."""
+        """Judge all names at once. After a fault, judge them one by one to find the name."""
         trial = show.trial(names, remote=remote)
         if trial.verdict in (READ, REFUSED):
             for index in indices:
@@ -68,7 +68,7 @@ class Lists:
 
 
 class WatchedShow:
-    """A player in a window, watched; what it does with harmless names is what it may do."""
+    """A watched player in a window. Its calls with harmless names define the allowed calls."""
 
     def __init__(self, scratch: Path, display: str, bird: Canary) -> None:
         self._scratch, self._display, self._bird = scratch, display, bird
@@ -92,7 +92,7 @@ class WatchedShow:
     def trial(self, names: Sequence[Name], *, remote: bool) -> Trial:
         begun = time.monotonic()
         verdict, words = self._tried(names, remote=remote)
-        seconds = min(time.monotonic() - begun, 1.0)  # of a show that takes as long as its pictures are shown
+        seconds = min(time.monotonic() - begun, 1.0)  # for a show that lasts as long as its pictures are shown
         if verdict in (CRASHED, HUNG):
             return Trial(verdict, words, seconds)
         broken = self._rules.broken_by(calls_of(self._log)) + sorted(self._bird.touched())
@@ -143,7 +143,7 @@ class WatchedShow:
 
 
 def _spoken(process: subprocess.Popen[str], control: Path, names: Sequence[Name]) -> str:
-    """Load one name after the other into a show, then end it; what went wrong, or nothing."""
+    """Load the names one after another into a show, then end the show; return the fault, or nothing."""
     until = time.monotonic() + PATIENCE_S
     while not control.exists():
         if process.poll() is not None or time.monotonic() > until:

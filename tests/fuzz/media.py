@@ -1,6 +1,7 @@
 """Damaged media: small clips of many containers and codecs, pictures and sequences, through the real decoder's process.
 
-A decoder may die of a medium; the player may not, and says so in one line. What is shown keeps the format that it told.
+A medium may kill a decoder. The player may not die, and reports the medium in one line. Frames keep the format that
+was announced.
 """
 
 import contextlib
@@ -26,7 +27,7 @@ from tests.mutants import LONGEST_COMPLAINT, mutant
 from tests.rooms import write_blurred_room
 
 FRAMES, LAPS = 8, 2
-QUIET = 0  # av.logging: what a damaged file makes FFmpeg say is not for the warden
+QUIET = 0  # av.logging: FFmpeg's messages about a damaged file are not for the warden
 SHORTEST_RING, ROOM = 64, "room"
 CLIPS: dict[str, dict[str, Any]] = {
     "ffv1.mkv": {"codec": "ffv1"},
@@ -53,7 +54,7 @@ HOWS = "shown", "shown", "shown", "looped", "read for a file", "rendered"
 
 
 class Media(FileCampaign):
-    """A mutant of a medium is shown in a loop, read for a file as a whole, or rendered into one."""
+    """A mutant of a medium is shown in a loop, read as a whole for a file, or rendered into a file."""
 
     name, count = "media", 150
     purpose = "damaged clips, pictures and sequences through the decoder's process and counterlight play --output"
@@ -127,7 +128,7 @@ def _shown(medium: Path, *, loop: bool, tolerant: bool) -> Trial:
 
 
 def _all_frames(reader: MediaReader, most: int) -> Trial:
-    """Every frame is of the format that was told, at a time that does not step back."""
+    """Check that every frame has the announced format, and that times never step back."""
     last_s, peak = 0.0, 0
     for _ in range(most):
         frame = reader.next_frame(timeout_s=60.0)

@@ -1,6 +1,6 @@
-"""Memory of a show that is reloaded, given other media, or just goes on, and of a renderer without a window.
+"""Memory of a show that is reloaded, given other media, or just continues, and of a renderer without a window.
 
-It grows by at most 10 MiB, however long a campaign takes.
+Memory grows by at most 10 MiB, however long a campaign takes.
 """
 
 import gc
@@ -28,33 +28,33 @@ from tests.programs import descendants, wait_until
 from tests.remote import Client, show
 from tests.rooms import random_room, write_blurred_room
 
-MOST_GROWTH = 10 << 20  # of any run
+MOST_GROWTH = 10 << 20  # in any run
 STEP, PER_ACT = (
     4 << 20,
     MOST_GROWTH / 1000,
-)  # of a short run: Python's table of names is made anew, larger, now and then
-WARM_UP, SAMPLES = 20, 15  # acts before anything is measured; measurements of which the median counts
+)  # in a short run: Python's name table is occasionally rebuilt, larger
+WARM_UP, SAMPLES = 20, 15  # actions before the first measurement; measurements per median
 DAY_S = 24 * 3600
-SETTLED_S = 0.1  # for a frame or two by a setting
+SETTLED_S = 0.1  # a setting takes a frame or two
 CLIPS = {"0.mkv": (48, 64), "1.mkv": (96, 128)}
 Act = Callable[[], None]
 
 
 class _Growth(ABC):
-    """So many acts; the median of the last measurements against that of the first, as the heap is restless."""
+    """Repeats actions, and compares the medians of the last and first measurements, because the heap varies."""
 
     name: str
     count: int
     purpose: str
     warm_up = WARM_UP
-    per_act: float = MOST_GROWTH  # bytes that each act may cost beyond a STEP
+    per_act: float = MOST_GROWTH  # bytes that each action may cost beyond a STEP
 
     @abstractmethod
     def act(self, client: Client, process: Any) -> Act:
-        """What is done again and again, in a show that loops."""
+        """Perform the action that is repeated, in a looping show."""
 
     def grown(self, sizes: list[int]) -> float:
-        """Bytes that the acts have cost."""
+        """Return the bytes that the actions have cost."""
         return float(np.median(sizes[-SAMPLES:]) - np.median(sizes[:SAMPLES]))
 
     def run(self, plan: Plan) -> Tally:
@@ -95,7 +95,7 @@ class Reloads(_Growth):
 class Loadfiles(_Growth):
     name, count = "loadfiles", 100
     purpose = "another medium of another size; memory must stay flat"
-    per_act = 2 * PER_ACT  # fewer acts, and a heap as restless
+    per_act = 2 * PER_ACT  # fewer actions, and equal variation of the heap
 
     def act(self, client: Client, process: Any) -> Act:
         names = list(CLIPS)
@@ -115,7 +115,7 @@ class Settings(_Growth):
 
     def act(self, client: Client, process: Any) -> Act:
         rng = np.random.default_rng(3)
-        kept = HANDS_OFF | {"loop-file"}  # without which the show ends
+        kept = HANDS_OFF | {"loop-file"}  # without these settings the show ends
         known = [each for each in client.get("property-info") if each["writable"] and each["name"] not in kept]
 
         def put() -> None:
@@ -138,14 +138,17 @@ class Seconds(_Growth):
         return second
 
     def grown(self, sizes: list[int]) -> float:
-        """In a day, by the line through the later half: before, caches fill. A quarter of a MiB may be noise."""
+        """Return the growth per day from a line through the later half, when caches are full.
+
+        A quarter of a MiB may be noise.
+        """
         late = np.array(sizes[len(sizes) // 2 :], float)
         slope = np.polyfit(np.arange(late.size), late, 1)[0]
         return float(slope * DAY_S) if abs(slope) * late.size > 256 << 10 else 0.0
 
 
 class Frames:
-    """Frames are decoded, uploaded, rendered and read back, as a player without a window does."""
+    """Frames are decoded, uploaded, rendered and read back, as in a player without a window."""
 
     name, count = "frames", 25_000
     purpose = "frames of a clip that loops, without a window; memory and OpenGL objects must stay as they were"
@@ -173,7 +176,7 @@ class Frames:
 
 @contextmanager
 def drawing(context: moderngl.Context, reader: MediaReader, rng: np.random.Generator) -> Iterator[Callable[[], bool]]:
-    """A function that draws the next frame in a random room and tells whether the picture is not all black."""
+    """Yield a function that draws the next frame in a random room, and returns whether its picture has light."""
     renderer = GlRenderer(context, random_room(rng, far=True))
     renderer.open(reader.info.format)
 
@@ -190,7 +193,7 @@ def drawing(context: moderngl.Context, reader: MediaReader, rng: np.random.Gener
 
 
 def sizes(reader: MediaReader) -> list[int]:
-    """Bytes of this process and of the decoder."""
+    """Return the bytes of this process and of the decoder."""
     gc.collect()
     return [rss_bytes(pid) or 0 for pid in ("self", reader.decoder_pid)]
 
@@ -206,7 +209,7 @@ def looping(folder: Path) -> Iterator[tuple[Any, Client]]:
 
 
 def _resident(pid: int) -> int:
-    """Of the player and its decoder."""
+    """Return the resident bytes of the player and its decoder."""
     return sum(rss_bytes(each) or 0 for each in (pid, *descendants(pid)))
 
 

@@ -1,4 +1,4 @@
-"""Hostile names of media, and media that name others: what a list, a remote or a film may try to reach."""
+"""Hostile names of media, and media that name others: every target that a list, a remote or a film may try to reach."""
 
 import os
 import socket
@@ -136,7 +136,7 @@ SUFFIXES = (
 
 @dataclass(frozen=True)
 class Name:
-    """What is named, and the file of that name in the folder of media if the trial makes one."""
+    """A name, and the file of that name in the media folder if the trial creates one."""
 
     text: str
     content: bytes | None = None
@@ -144,9 +144,9 @@ class Name:
 
 @dataclass(frozen=True)
 class Ground:
-    """Where names lead: a folder of media, a secret beside it, an address of this machine.
+    """Targets of the names: a media folder, a secret next to it, an address of this machine.
 
-    written : a file that no name may make.
+    written : a file that no name may create.
     """
 
     folder: Path
@@ -161,7 +161,7 @@ class Ground:
         return pattern.format(here=self.here, **places)
 
     def lay(self) -> None:
-        """Make the folders, a clip in each, and what leads from one into the other."""
+        """Make the folders, a clip in each, and the links between them."""
         for folder in (self.media, self.folder / "outside"):
             folder.mkdir(parents=True)
         write_video(self.media / "clip.mkv", [numbered(n) for n in range(3)])
@@ -178,7 +178,7 @@ class Ground:
 
 
 def draw_name(ground: Ground, rng: np.random.Generator, index: int) -> Name:
-    """A name that somebody beyond the border might say."""
+    """Return a name that a client may use to reach beyond the border."""
     target = _target(ground, rng)
     if rng.integers(3):
         return Name(_twisted(target, rng) if not rng.integers(3) else target)
@@ -194,7 +194,7 @@ def _target(ground: Ground, rng: np.random.Generator) -> str:
 
 
 def _twisted(text: str, rng: np.random.Generator) -> str:
-    """Written otherwise, as filters of names forget."""
+    """Return another spelling of a name, of a kind that filters overlook."""
     twists: tuple[Callable[[str], str], ...] = (
         str.upper,
         lambda t: t.replace("/", "//"),

@@ -1,7 +1,7 @@
 """Twenty clients of the control socket at once, each with random commands, half lines, floods and sudden ends.
 
-The show plays files and a live stream of which one packet in fifty is lost. It must go on: a heartbeat every second,
-answers that are JSON, bounded memory, no fault of ours on stderr, nothing left behind at its end.
+The show plays files and a live stream that loses one packet in fifty. The show must continue with a heartbeat every
+second, JSON answers and bounded memory. It reports no fault of its own on stderr, and leaves nothing behind.
 """
 
 import json
@@ -29,13 +29,13 @@ from tests.rooms import write_blurred_room
 from tests.test_live import Sender, udp_port
 
 CLIENTS, LOSS = 20, 0.02
-LATEST_S = 2.0  # the issue's bound, from when a beat is due
+LATEST_S = 2.0  # the bound of the requirement, after a beat is due
 INTERVAL_S = 1.0
 PATIENCE_S = 60.0
-PAUSE_S = 0.03  # between requests whose answers are waited for
-FLOOD = 500  # lines that nobody waits for
-NOT_SAID = {"quit", "loop-playlist", "place-save"}  # the show ends by us; the room stays as it is
-PLAYING = ("pause", False), ("speed", 1), ("blackout", False)  # that somebody wants to see a show, too
+PAUSE_S = 0.03  # between requests that wait for their answers
+FLOOD = 500  # lines without waiting
+NOT_SAID = {"quit", "loop-playlist", "place-save"}  # the test ends the show, and the room must not change
+PLAYING = ("pause", False), ("speed", 1), ("blackout", False)  # reset, because the audience wants to see a show
 VALUES: tuple[object, ...] = (
     *(
         None,
@@ -76,7 +76,7 @@ VALUES: tuple[object, ...] = (
 
 
 class Remotes:
-    """Trials are requests; every client's are drawn from the seed, what the others do meanwhile is as it comes."""
+    """Each trial is a request. The seed determines each client's requests, but not their order among clients."""
 
     name, count = "remotes", 6000
     purpose = "random commands of 20 clients while packets of a live stream are lost"
@@ -106,7 +106,7 @@ class Remotes:
 
 
 class _Show:
-    """A player, and what its heartbeat has told so far."""
+    """A player and its heartbeats so far."""
 
     def __init__(self, process: subprocess.Popen[str], folder: Path, media: Sequence[str], ground: Ground) -> None:
         self.process, self.folder, self.media, self.ground = process, folder, media, ground
@@ -120,12 +120,12 @@ class _Show:
             self.properties = [name for name in client.get("property-list") if name not in NOT_SAID]
 
     def look(self) -> None:
-        """Take the beats since the last look."""
+        """Read the beats since the last look."""
         self.minutes = (time.monotonic() - self._begun) / 60
         self.heart.look()
 
     def ended(self) -> list[Trial]:
-        """End the show as its user would; what was wrong with it or is left of it."""
+        """End the show as its user would; return its faults and leftovers."""
         if self.process.poll() is not None:
             return [Trial(CRASHED, f"the show ended with {self.process.returncode}: {self._said()}")]
         longest_s = self.heart.longest_s
@@ -178,7 +178,7 @@ def _show(folder: Path, display: str) -> Iterator[_Show]:
 
 
 class _Rowdy(threading.Thread):
-    """A client without manners."""
+    """A client that misbehaves."""
 
     def __init__(self, show: _Show, plan: Plan, number: int) -> None:
         super().__init__(daemon=True)
@@ -204,14 +204,14 @@ class _Rowdy(threading.Thread):
         how(connection, iter(connection.makefile("rb")))
 
     def _ask(self, connection: socket.socket, lines: Iterator[bytes]) -> None:
-        """One request after the other, its answer waited for."""
+        """Send one request after another, and wait for each answer."""
         for _ in range(self._rng.integers(1, 60)):
             connection.sendall(self._line() + b"\n")
             self._hear(lines)
             time.sleep(self._rng.exponential(PAUSE_S))
 
     def _flood(self, connection: socket.socket, lines: Iterator[bytes]) -> None:
-        """Requests without reading, then perhaps all answers."""
+        """Send requests without reading, then perhaps read all answers."""
         connection.settimeout(1.0)
         sent = 0
         with suppress(TimeoutError):
@@ -223,14 +223,14 @@ class _Rowdy(threading.Thread):
             self._hear(lines)
 
     def _break_off(self, connection: socket.socket, lines: Iterator[bytes]) -> None:
-        """Half a line, or a very long one."""
+        """Send half a line or a very long line."""
         line = self._line()
         connection.sendall(line[: self._rng.integers(len(line) + 1)])
         if not self._rng.integers(8):
             connection.sendall(b"y" * (200 << 10))
 
     def _hear(self, lines: Iterator[bytes]) -> None:
-        """The next answer; events go by. Who is one too many hears nothing and is let go."""
+        """Receive the next answer and skip events. A client beyond the limit receives nothing and is disconnected."""
         for line in lines:
             try:
                 told = dict(json.loads(line))
@@ -245,7 +245,7 @@ class _Rowdy(threading.Thread):
         raise ConnectionError
 
     def _line(self) -> bytes:
-        """Bytes, a request that is spoilt, or one of what the player says it knows."""
+        """Return random bytes, a damaged request, or a valid request from the player's own lists."""
         self._left -= 1
         rng = self._rng
         if not rng.integers(8):

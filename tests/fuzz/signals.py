@@ -1,7 +1,7 @@
 """Signals at random moments of commands that write and of a show whose clock of the day jumps.
 
-SIGINT, SIGTERM and SIGHUP end it within seconds, without a traceback; whoever is stopped for a while goes on; a kill
-leaves old or new. `kill -9` of a show leaves no decoder.
+SIGINT, SIGTERM and SIGHUP end a process within seconds, without a traceback. A process that was stopped for a while
+continues. A kill leaves old or new outputs. `kill -9` of a show leaves no decoder.
 """
 
 import os
@@ -28,11 +28,12 @@ from tests.rooms import write_blurred_room
 from tests.writing_commands import COMMANDS
 
 ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-BEFORE_MAIN = tuple(-number for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))  # Python itself was starting
-START_S = 1.0  # of Python and a command's imports
-STOPPED_S = 3.0  # longer than the decoder's watch is patient
+# Python itself was still starting
+BEFORE_MAIN = tuple(-number for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+START_S = 1.0  # for Python and a command's imports
+STOPPED_S = 3.0  # longer than the decoder's patience
 PATIENCE_S = 120.0
-SHOWS = 4  # one trial in so many
+SHOWS = 4  # one trial in four
 JUMPS = """
 import random, time
 _now, _random = time.time, random.Random(1)
@@ -41,7 +42,7 @@ time.time = lambda: _now() + _random.uniform(-1e8, 1e8)
 
 
 class Signals:
-    """A signal, perhaps two, somewhere between the start and a little after the end."""
+    """A signal, perhaps two, between the start and shortly after the end."""
 
     name, count = "signals", 16
     purpose = "signals at random moments of commands and shows, clocks that jump"
@@ -72,7 +73,7 @@ def _command(bench: Bench, rng: np.random.Generator, index: int) -> Trial:
 
 
 def _signalled(program: Sequence[str], sent: signal.Signals, after_s: float, late_s: list[float], out: Path) -> Run:
-    """late_s : takes the seconds from the signal to the end."""
+    """late_s : receives the seconds from the signal to the end."""
     with tempfile.TemporaryFile("w+") as errors:
         process = _started(program, errors.fileno(), out.parent, {"PYTHONPATH": str(ROOT)})
         with suppress(subprocess.TimeoutExpired):
@@ -89,13 +90,13 @@ def _signalled(program: Sequence[str], sent: signal.Signals, after_s: float, lat
 
 
 def _beyond_imports(code: int, said: str) -> str:
-    """Without the traceback of Ctrl-C while Python still imports the command: nothing has been begun then."""
+    """Return the output without a traceback of Ctrl-C during imports, because no work has begun."""
     ended = code in (-signal.SIGINT, ASKED) and said.rstrip().endswith("KeyboardInterrupt")
     return "" if ended and ", in <module>" in said and ", in main" not in said else said
 
 
 class _Show:
-    """A player in a window, by itself or supervised, whose heartbeat is asked for the wrong time of day."""
+    """A player in a window, alone or supervised. Its time of day is wrong."""
 
     def __init__(self, folder: Path, display: str) -> None:
         self._folder, self._display = folder, display
@@ -147,7 +148,7 @@ class _Show:
         return _judged(words, code, said, complaint, late, sent, seconds, self._leftovers(sent))
 
     def _goes_on(self, process: subprocess.Popen[bytes]) -> str:
-        """Beats come again after it was stopped."""
+        """Check that beats return after the player was stopped."""
         log, deadline = self._folder / "log", time.monotonic() + PATIENCE_S
         before = log.stat().st_size if log.exists() else 0
         while not log.exists() or log.stat().st_size <= before:
@@ -157,7 +158,7 @@ class _Show:
         return ""
 
     def _leftovers(self, sent: signal.Signals) -> list[str]:
-        """Sockets, which a killed player cannot remove; its next one does."""
+        """Remove leftover sockets and return their names; none after a kill, where the next player removes them."""
         found = [path for path in self._folder.iterdir() if path.name in ("socket",) or path.name.endswith(".new")]
         for path in found:
             path.unlink()
@@ -200,7 +201,7 @@ def _started(
 
 
 def _hears_all() -> None:
-    """What runs in the background of a script ignores Ctrl-C, and so would its children."""
+    """Restore the default signals: background processes of a script and their children ignore Ctrl-C."""
     for number in ENDING:
         signal.signal(number, signal.SIG_DFL)
 
@@ -220,7 +221,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _gone(pid: int) -> bool:
-    """Within a few seconds: decoders notice that their parent is no more."""
+    """Wait a few seconds until the processes are gone. Decoders notice that their parent has died."""
     deadline = time.monotonic() + HANG_S
     while is_running(pid):
         if time.monotonic() > deadline:

@@ -1,7 +1,7 @@
 """Evenings of a supervised show under window managers, whose projector is watched: no desktop, decoration or text.
 
-A trial is an evening under one window manager: as many random events as EVENTS, each followed by both films. The notes
-say how long the projector was black after the worst event of each kind, and the machine's load at the end.
+A trial is an evening under one window manager, with EVENTS random events, each followed by both films. The notes
+report the projector's longest black after each kind of event, and the machine's load at the end.
 """
 
 import os
@@ -40,7 +40,7 @@ DARK, BRIGHT = LEVELS
 
 
 class Stages:
-    """Trials are evenings, under each of the window managers in turn."""
+    """Each trial is an evening. The window managers take turns."""
 
     name, count = "stages", len(MANAGERS)
     purpose = "crashes, hangs, reloads, monitors and hours of a show, watched on its projector; a minute each"
@@ -90,7 +90,7 @@ def _evening(folder: Path, room: Path, manager: str, names: list[str], black: di
 
 
 def _longest_black_s(audience: Audience, first: int) -> float:
-    """Since the change of that number."""
+    """Return the longest black since the change of that number."""
     seen, since_s = audience.seen[first:], audience.since_s[first:]
     return max(
         (end - start for name, start, end in zip(seen, since_s, since_s[1:], strict=False) if name == "black"),
@@ -99,7 +99,7 @@ def _longest_black_s(audience: Audience, first: int) -> float:
 
 
 class _Events:
-    """What happens to a show; each returns when it has happened."""
+    """Events of a show. Each method returns after the event."""
 
     def __init__(self, evening: Evening, display: str, folder: Path) -> None:
         self._evening, self._display, self._folder = evening, display, folder
@@ -107,7 +107,7 @@ class _Events:
         self._crashes = 0
 
     def settle(self) -> None:
-        """Both films are seen."""
+        """Wait until both films have been seen."""
         self._evening.sees(DARK, BRIGHT)
 
     def crash(self) -> None:
@@ -141,7 +141,7 @@ class _Events:
         self._crashes = 0
 
     def safe(self) -> None:
-        """Crashes until the safe picture, then the show again."""
+        """Crash the player until the safe picture appears, then restore the show."""
         last = 0
         while self._crashes < MOST_CRASHES:
             last = self._evening.child(PLAYER, other_than=last)
@@ -153,7 +153,7 @@ class _Events:
         self._crashes = 0
 
     def _fall(self, number: int) -> None:
-        """One crash or hang; the one too many would lead to the safe picture."""
+        """Kill or stop the player. If this fall leads to the safe picture, run `safe` instead."""
         if self._crashes == MOST_CRASHES - 1:
             self.safe()
             return

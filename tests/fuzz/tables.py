@@ -1,4 +1,4 @@
-"""Damaged files of every kind beside a room's own: settings, scenes, responses, meshes, pictures, arrays, tables."""
+"""Damaged files of every kind other than a room's: settings, scenes, responses, meshes, pictures, arrays, tables."""
 
 from pathlib import Path
 

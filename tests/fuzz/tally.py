@@ -1,4 +1,4 @@
-"""What a campaign is asked for, what it judges, and the sum of its trials."""
+"""The plan of a campaign, its verdicts, and the sum of its trials."""
 
 import json
 import shlex
@@ -13,18 +13,18 @@ from typing import Any, Protocol
 
 import numpy as np
 
-READ, REFUSED = "read", "refused"  # as it should be: taken, or one line
+READ, REFUSED = "read", "refused"  # both are correct: accepted, or refused in one line
 CRASHED, HUNG, GREEDY, WRONG, LEFT = "crashed", "hung", "greedy", "silently wrong", "left behind"
 FAULTS = CRASHED, HUNG, GREEDY, WRONG, LEFT
-HANG_S = 5.0  # the issue's bound
-MOST_BYTES = 384 << 20  # that a file of a few kilobytes may cost
+HANG_S = 5.0  # the bound of the requirement
+MOST_BYTES = 384 << 20  # for a file of a few kilobytes
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial's verdict, what was said, and what it cost: seconds, and bytes above what the process had before.
+    """A trial's verdict, message and cost in seconds and in bytes above the process's earlier memory.
 
-    prompt : whether it must take less than HANG_S; a whole command has its work to do.
+    prompt : whether the trial must take less than HANG_S. A whole command may take longer.
     """
 
     verdict: str
@@ -34,7 +34,7 @@ class Trial:
     prompt: bool = True
 
     def checked(self) -> "Trial":
-        """The same, or a fault if it cost too much."""
+        """Return the same trial, or a fault if it cost too much."""
         if self.verdict in FAULTS:
             return self
         if self.prompt and self.seconds > HANG_S:
@@ -46,9 +46,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a campaign shall do: trials `first` to `first + count`, not after `until` (time.monotonic).
+    """The trials of a campaign: `first` to `first + count`, not after `until` (time.monotonic).
 
-    scratch : an empty folder of its own.  evidence : where inputs of faults are kept, by campaign and index.
+    scratch : an empty folder for this campaign.
+    evidence : folder for inputs of faults, by campaign and index.
     """
 
     seed: int
@@ -69,7 +70,12 @@ class Plan:
 
 
 class Campaign(Protocol):
-    """name : on the command line.  count : trials of a run of a few minutes.  purpose : one line for --help."""
+    """A kind of trial.
+
+    name : on the command line.
+    count : trials of a run of a few minutes.
+    purpose : one line for --help.
+    """
 
     name: str
     count: int
@@ -80,7 +86,7 @@ class Campaign(Protocol):
 
 @dataclass
 class Tally:
-    """The sum of a campaign's trials, and where the inputs of its faults are."""
+    """The sum of a campaign's trials, and the places of the inputs of its faults."""
 
     campaign: str
     plan: Plan
@@ -117,7 +123,7 @@ class Tally:
         return {"tried": self.tried, **counts, **costs, **self.notes, "findings": self.findings}
 
     def _keep(self, index: int, trial: Trial, inputs: Mapping[str, bytes]) -> None:
-        """The inputs, and the command that tries them again."""
+        """Keep the inputs, and the command that repeats the trials."""
         folder = self.plan.evidence / f"{self.campaign}-{self.plan.seed}-{index}"
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in inputs.items():

@@ -1,4 +1,4 @@
-"""Files are judged in a process of its own, which may crash, hang or take memory; the warden notices and goes on.
+"""Files are judged in a separate process, which may crash, hang or use up memory. The warden notices and continues.
 
 python -m tests.fuzz.warden MODULE:CLASS FOLDER      a prisoner: reads trials from its input, a JSON line each
 """
@@ -26,19 +26,19 @@ from tests.fuzz.tally import CRASHED, HANG_S, HUNG, Plan, Tally, Trial
 from tests.programs import ROOT
 
 PATIENCE_S = 120.0  # for imports on a busy machine
-FRESH_AFTER = 500  # trials: what a process gathers over thousands is another campaign's matter
+FRESH_AFTER = 500  # trials: another campaign tests the memory of thousands
 
 
 @dataclass(frozen=True)
 class Case:
-    """Files of a trial, by name, and how they are tried."""
+    """Files of a trial by name, and the way in which they are tried."""
 
     files: Mapping[str, bytes]
     how: str = ""
 
 
 class FileCampaign(ABC):
-    """Trials that are files: `draw` makes them from random numbers, `judge` says what the product makes of them."""
+    """Trials that are files: `draw` makes them from random numbers, `judge` returns the product's reaction."""
 
     name: str
     count: int
@@ -47,18 +47,18 @@ class FileCampaign(ABC):
 
     @abstractmethod
     def furnish(self, folder: Path) -> None:
-        """Make, once, what files are drawn from."""
+        """Create once the samples from which files are drawn."""
 
     @abstractmethod
     def open(self, folder: Path) -> None:
-        """Be ready to draw and judge, in any process."""
+        """Prepare to draw and judge, in any process."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator) -> Case: ...
 
     @abstractmethod
     def judge(self, case: Case) -> Trial:
-        """What the product makes of it, and the peak of its children's memory; what is raised is a crash."""
+        """Return the product's reaction, and the peak memory of its children. An exception counts as a crash."""
 
     def run(self, plan: Plan) -> Tally:
         tally = Tally(self.name, plan)
@@ -67,14 +67,14 @@ class FileCampaign(ABC):
         with Prisoner(self, plan) as prisoner:
             for index in plan.indices():
                 trial = prisoner.trial(index)
-                if trial.verdict == HUNG:  # once more: the machine may have been busy
+                if trial.verdict == HUNG:  # try again, because the machine may have been busy
                     trial = prisoner.trial(index)
                 tally.add(index, trial, self.draw(plan.rng(self.name, index)).files)
         return tally
 
 
 class Prisoner:
-    """A process that judges; killed when it hangs, replaced when it is dead or old."""
+    """A process that judges. It is killed when it hangs, and replaced when it is dead or old."""
 
     def __init__(self, campaign: FileCampaign, plan: Plan) -> None:
         self._campaign, self._plan = campaign, plan
@@ -128,7 +128,7 @@ class Prisoner:
     def _ask(
         self, process: subprocess.Popen[bytes], request: Mapping[str, Any], within_s: float
     ) -> dict[str, Any] | None:
-        """Its answer; empty if it is dead, None if there is none in time."""
+        """Return the prisoner's answer; empty if the prisoner is dead, None after the time limit."""
         assert process.stdin is not None
         assert process.stdout is not None
         with suppress(BrokenPipeError):
@@ -146,13 +146,13 @@ class Prisoner:
     def _end(self) -> None:
         if self._process is not None:
             with suppress(ProcessLookupError):
-                os.killpg(self._process.pid, 9)  # and what it has started
+                os.killpg(self._process.pid, 9)  # the prisoner and its children
             self._process.communicate()
             self._process = None
 
 
 def _serve(campaign: FileCampaign, folder: Path) -> None:
-    """In the prisoner: answer one trial after the other. What is printed goes nowhere, complaints to the warden."""
+    """Answer one trial after another, inside the prisoner. Printed output is dropped; complaints go to the warden."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     campaign.open(folder)
@@ -179,13 +179,13 @@ def _tried(campaign: FileCampaign, plan: Plan, index: int) -> Trial:
 
 
 def _forget_peak() -> int:
-    """Resident bytes now, from which the kernel measures the peak anew."""
+    """Return the resident bytes, and reset the kernel's peak to them."""
     Path("/proc/self/clear_refs").write_text("5")
     return resident_bytes()
 
 
 def resident_bytes(pid: int | str = "self", *, peak: bool = False) -> int:
-    """0 for a process that has gone."""
+    """Return the resident bytes of a process; 0 for a process that has gone."""
     with suppress(OSError, IndexError):
         status = Path(f"/proc/{pid}/status").read_text()
         return int(status.partition("VmHWM:" if peak else "VmRSS:")[2].split()[0]) << 10

@@ -1,1 +1,1 @@
-"""The GPU against its CPU twin."""
+"""The GPU passes against their CPU functions."""

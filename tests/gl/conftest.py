@@ -1,4 +1,4 @@
-"""Rooms that several tests of windows play in, and what is played in them."""
+"""Rooms and media that several tests of windows use."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tests.rooms import write_blurred_room
 
 @pytest.fixture(scope="module")
 def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Projector 36x28, camera 40x30; each module has its own, as a placement is saved in it."""
+    """Return a room with projector 36x28 and camera 40x30, one per module, because a placement is saved in the room."""
     folder = tmp_path_factory.mktemp("small") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
     succeed("build", folder, "--regularize", "0.1")
@@ -23,7 +23,7 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def plain_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Projector 100x75, camera 120x90, without the maps of refinement."""
+    """Return a room with projector 100x75 and camera 120x90, without the maps of refinement."""
     folder = tmp_path_factory.mktemp("plain") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (90, 120), (75, 100))
     succeed("build", folder, "--regularize", "0.1", "--no-refine")
@@ -32,7 +32,7 @@ def plain_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two projectors (tests/joint_rooms.py)."""
+    """Return a room with two projectors (tests/joint_rooms.py)."""
     folder = tmp_path_factory.mktemp("joint")
     room = join(write_halves(folder), folder / "joint")
     succeed("build", room, "--regularize", "0.1")
@@ -41,7 +41,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def noise_picture(tmp_path: Path, rng: np.random.Generator) -> Path:
-    """Of the size of plain_room's projector."""
+    """Write a noise picture of the size of plain_room's projector."""
     path = tmp_path / "picture.png"
     cv2.imwrite(str(path), rng.integers(0, 255, (75, 100, 3), np.uint8))
     return path
@@ -49,7 +49,7 @@ def noise_picture(tmp_path: Path, rng: np.random.Generator) -> Path:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Where the player runs: a small clip of five seconds."""
+    """Return the player's working folder, with a small clip of five seconds."""
     with av.open(str(tmp_path / "clip.mkv"), "w") as container:
         stream = container.add_stream("mpeg4", rate=25)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"

@@ -46,7 +46,7 @@ def room(tmp_path_factory: pytest.TempPathFactory, films: list[Path]) -> Path:
     folder = tmp_path_factory.mktemp("audience") / "wall"
     write_room(folder)
     succeed("build", folder, "--no-refine")
-    succeed("play", folder, films[0], "--output", folder.with_name("first.png"))  # compiles for shows that cannot wait
+    succeed("play", folder, films[0], "--output", folder.with_name("first.png"))  # compiles code before the timed shows
     return folder
 
 
@@ -61,23 +61,23 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
     ):
         with running(*verb("play"), room, *films, "--fullscreen", *SILENT, *how, **on(display)) as process:
             evening = Evening(process, audience)
-            evening.sees("black")  # closed hours
+            evening.sees("black")  # outside its hours
             change(hours, ALWAYS)
-            evening.sees(DARK, BRIGHT, DARK)  # the show begins; media change
+            evening.sees(DARK, BRIGHT, DARK)  # the show begins, then media change
 
             curtain, before = evening.child(CURTAIN), len(audience.seen)
             os.kill(curtain, signal.SIGKILL)
             evening.child(CURTAIN, other_than=curtain)
-            evening.sees(BRIGHT, DARK, BRIGHT, DARK)  # the next curtain begins below the show
+            evening.sees(BRIGHT, DARK, BRIGHT, DARK)  # the next curtain begins behind the show
             assert "black" not in audience.seen[before:]
 
             first = evening.child(PLAYER)
             (decoder, *_) = descendants(first)
             os.kill(decoder, signal.SIGSEGV)
-            evening.sees(BRIGHT, DARK)  # a decoder has died
+            evening.sees(BRIGHT, DARK)  # the decoder has died
             with Client(control) as client:
                 assert client.ask("reload")["error"] == "success"
-            evening.sees(BRIGHT, DARK)  # another generation of the room
+            evening.sees(BRIGHT, DARK)  # the room was rebuilt
 
             xrandr(display, "--output", "DUMMY1", "--off")
             evening.sees("")
@@ -96,17 +96,20 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
             evening.sees("black")
             wait_until(lambda: not any(runs(pid, PLAYER) for pid in children(process.pid)), "the safe picture", process)
             process.send_signal(signal.SIGHUP)
-            evening.sees(BRIGHT, DARK)  # tried again
+            evening.sees(BRIGHT, DARK)  # a new attempt
             process.terminate()
             assert process.wait(PATIENCE_S) == 130
         audience.leaves()
     assert audience.leaks == []
     assert audience.seen[:2] == ["desktop", "black"]
-    assert audience.seen.index("desktop", 1) == len(audience.seen) - 1  # nothing but black and the picture between
+    assert audience.seen.index("desktop", 1) == len(audience.seen) - 1  # only black and the picture before the desktop
 
 
 def test_a_window_manager_that_dies_and_another_that_begins(room: Path, films: list[Path], tmp_path: Path) -> None:
-    """GLFW would fail in an assertion after the death; a window that covers the projector is covered in turn."""
+    """GLFW would fail an assertion after the manager dies.
+
+    A new window that covers the projector is covered in turn.
+    """
     options = "--fullscreen", *SILENT, "--osd", "off", "--loop"
     with theatre(tmp_path, "none") as display, Audience(display, tmp_path) as audience:
         with managed(display, tmp_path, "icewm"):
@@ -129,7 +132,7 @@ def test_a_window_manager_that_dies_and_another_that_begins(room: Path, films: l
 
 
 def test_full_screen_and_back_under_a_window_manager(room: Path, films: list[Path], tmp_path: Path) -> None:
-    """Pressed in a window; the manager has it again afterwards, with its decoration."""
+    """The keys are pressed in a window. Afterwards the manager decorates the window again."""
     options = "--monitor", "DUMMY1", *SILENT, "--osd", "off", "--loop"
     with (
         theatre(tmp_path, "openbox") as display,
@@ -152,15 +155,16 @@ def test_full_screen_and_back_under_a_window_manager(room: Path, films: list[Pat
 
 
 def has_keyboard(display: str) -> bool:
-    """Whether a player's window has it."""
-    with closing(Display(display)) as connection, suppress(AttributeError, BadWindow):  # nobody, or it has just gone
+    """Return whether a player's window has the keyboard."""
+    # no such window, or it has just closed
+    with closing(Display(display)) as connection, suppress(AttributeError, BadWindow):
         return "Counterlight" in (connection.get_input_focus().focus.get_wm_class() or ())
     return False
 
 
 @contextmanager
 def stranger(display: str) -> Iterator[Callable[[], bool]]:
-    """A white window of another program on the projector, which no window manager has; whether another is above it."""
+    """Open another program's unmanaged white window on the projector; yield whether a window covers it."""
     with closing(Display(display)) as connection:
         screen = connection.screen()
         window = screen.root.create_window(

@@ -1,4 +1,4 @@
-"""Blurred light on the GPU against its CPU twin: drives, and what the camera sees of them."""
+"""Blurred light on the GPU against the CPU function: drives, and the camera's view of them."""
 
 import moderngl
 import numpy as np
@@ -12,7 +12,7 @@ from counterlight.tools.inverse.near_light import InverseOptions
 from tests.blurred_rooms import CAMERA, calibrated, discs, in_blocks
 from tests.renderers import both
 
-ATOL = 1e-5  # as of the other drives
+ATOL = 1e-5  # as for the other drives
 
 
 @pytest.mark.parametrize("path", ["fragment", "compute", "auto"])

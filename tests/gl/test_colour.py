@@ -1,4 +1,4 @@
-"""Pictures through a camera whose channels see several primaries, on the GPU against its CPU twin."""
+"""Pictures through a camera whose channels see several primaries, on the GPU against the CPU function."""
 
 from dataclasses import replace
 
@@ -15,7 +15,8 @@ from tests.refined_rooms import physical_room
 from tests.renderers import both
 from tests.rooms import CAMERA, yuv_frame
 
-ATOL = 6e-5  # a map's colours change by up to 25 times its figures, whose error of 5e-7 A takes up to 4 times
+# map colours change by up to 25 times the figures' change; the figures have errors of 5e-7, amplified up to 4 times
+ATOL = 6e-5
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))
 PICTURES = {
     "plain": Adjustments(),
@@ -43,7 +44,7 @@ def test_every_view_through_a_mixing_equals_its_twin(
 
 
 def test_one_matrix_for_the_room_changes_radiance_alone(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """In the global tier a frame costs what it did: a video asks for the same light, to the bit."""
+    """In the global tier a frame costs the same: a video has bit-identical targets."""
     room = replace(physical_room(rng).room, white=0.9)
     room = replace(room, calibration=replace(room.calibration, ambient=0 * room.calibration.ambient))
     mixed = replace(room, maps=replace(room.maps, mixing=Mixing(CROSSTALK)))

@@ -1,4 +1,4 @@
-"""--control of a player that plays in a window: what docs/player.md lists, by the socket, and random lines."""
+"""--control of a player in a window: everything in docs/player.md, over the socket, and random lines."""
 
 import os
 import shutil
@@ -56,7 +56,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
 
 
 def contents(*folders: Path) -> dict[Path, bytes | None]:
-    """What is there, and what files hold but for the socket and the log."""
+    """Return what is there, and the contents of files except the socket and the log."""
     paths = (path for folder in folders for path in sorted(folder.rglob("*")))
     return {path: path.read_bytes() if path.is_file() else None for path in paths}
 
@@ -64,7 +64,7 @@ def contents(*folders: Path) -> dict[Path, bytes | None]:
 def test_a_remote_writes_screenshots_and_a_placement_and_nothing_else(
     xvfb: str, small_room: Path, folder: Path
 ) -> None:
-    """Whatever else it asks for: options of the command line are no properties, commands take no names of files."""
+    """Other requests write nothing: command line options are no properties, and commands take no file names."""
     room = folder / "room"
     shutil.copytree(small_room, room)
     (folder / "shots").mkdir()
@@ -85,7 +85,7 @@ def test_a_remote_writes_screenshots_and_a_placement_and_nothing_else(
             ("reload", str(outside)),
         ):
             assert client.ask(*words)["error"] in ("invalid parameter", "error running command"), words
-        client.ask("set_property", "stats", True)  # the page of that name, no file
+        client.ask("set_property", "stats", True)  # the page named stats, not a file
         for words in (("screenshot",), ("place",), ("place-move", 0.01, 0), ("place-save",), ("reload",)):
             assert client.ask(*words)["error"] == "success"
         new = contents(folder)
@@ -124,7 +124,7 @@ def test_a_room_that_was_replaced_is_refused_and_the_show_goes_on(
 def test_after_random_lines_it_answers_and_plays(
     xvfb: str, small_room: Path, folder: Path, rng: np.random.Generator
 ) -> None:
-    """None may end the show or find a fault of ours; `make fuzz` sends ten thousand."""
+    """No line may end the show or reveal a fault in the player. `make fuzz` sends ten thousand lines."""
     with show(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, client):
         send_and_count(client, (random_line(rng, index) for index in range(RANDOM_LINES)))
         assert_goes_on(client, process, "clip.mkv")

@@ -1,4 +1,4 @@
-"""A damaged medium in a window, where the show goes on, and in a file, which must be whole."""
+"""A damaged medium: in a window the show continues, and a written file must be complete."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from tests.media import damage, write_h264
 from tests.programs import command, fail, on
 
-COUNT, KEY = 40, 10  # pictures, and how far apart key frames are
+COUNT, KEY = 40, 10  # pictures, and the distance between key frames
 
 
 def test_a_show_goes_on_where_a_file_is_refused(xvfb: str, plain_room: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Two projectors in two real windows: what the X server shows in each is its own part of the raster."""
+"""Two projectors in two real windows: the X server shows each projector's part of the raster."""
 
 import sys
 from collections.abc import Callable
@@ -17,7 +17,7 @@ MONITORS = {"DUMMY0": (0, 0, 1280, 720), "DUMMY1": (1280, 0, 1024, 768)}
 
 @pytest.fixture(scope="module")
 def monitors_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Projectors of the two monitors' sizes; the calibration names them."""
+    """Return a room whose projectors have the sizes of the two monitors, named in the calibration."""
     folder = tmp_path_factory.mktemp("monitors")
     sizes = [(height, width) for _, _, width, height in MONITORS.values()]
     names = [part for name in MONITORS for part in ("--monitor", name)]
@@ -35,7 +35,7 @@ def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def parts(raster: np.ndarray, sizes: list[tuple[int, int]]) -> list[np.ndarray]:
-    """The raster's pictures of (height, width), side by side."""
+    """Return the raster's pictures of (height, width), side by side."""
     lefts = np.cumsum([0, *(width for _, width in sizes)])
     return [raster[:height, left : left + width] for (height, width), left in zip(sizes, lefts, strict=False)]
 
@@ -55,7 +55,7 @@ def test_each_window_shows_its_part_and_keys_act_on_both(xvfb: str, joint: Path,
             if key:
                 press(xvfb, key)
             wait_until(shows(xvfb, SIDE_BY_SIDE, wanted), f"{key or 'start'}: the picture of each", process)
-        press(xvfb, "v")  # the camera's view: shrunk into the first window
+        press(xvfb, "v")  # the camera's view, shrunk into the first window
         wait_until(shows(xvfb, SIDE_BY_SIDE[1:], [0]), "black in the second window", process)
         assert screen(xvfb, SIDE_BY_SIDE[0]).max() > 40
         for _ in range(4):
@@ -71,7 +71,7 @@ def test_each_window_shows_its_part_and_keys_act_on_both(xvfb: str, joint: Path,
 def test_each_monitor_is_filled_with_its_own_picture(
     two_monitors: str, monitors_room: Path, picture: Path, tmp_path: Path
 ) -> None:
-    """As the calibration names them; one is unplugged and comes back."""
+    """The calibration names the monitors. One monitor is unplugged and comes back."""
     sizes = [(height, width) for _, _, width, height in MONITORS.values()]
     corrected = parts(expected_picture(monitors_room, picture, tmp_path), sizes)
     wanted = parts(expected_picture(monitors_room, picture, tmp_path, "--no-compensation"), sizes)
@@ -100,7 +100,7 @@ def test_each_monitor_is_filled_with_its_own_picture(
 
 
 def test_the_curtain_covers_all_monitors(two_monitors: str) -> None:
-    """Of the monitors that are named, those that are there."""
+    """The curtain covers each named monitor that is connected."""
     names = ["DUMMY1", "HDMI-7", "DUMMY0"]
     with running(sys.executable, "-m", "counterlight.gl.curtain", *names, folder=ROOT, **on(two_monitors)) as process:
         wait_until(lambda: mapped_windows(two_monitors) == set(MONITORS.values()), "a window on each", process)
@@ -142,7 +142,7 @@ def test_monitors_that_do_not_suit(
 def test_more_projectors_than_monitors(xvfb: str, joint: Path, picture: Path) -> None:
     line = fail("play", joint, picture, "--fullscreen", "--any-size", **on(xvfb))
     assert "2 projectors need as many monitors, found: 0 screen (1280x720" in line
-    with playing(xvfb, joint, picture) as process:  # in windows, and they stay that when `f` is pressed
+    with playing(xvfb, joint, picture) as process:  # in windows, which stay windows when `f` is pressed
         wait_until(lambda: len(mapped_windows(xvfb)) == 2, "two windows", process)
         wait_until(lambda: screen(xvfb, SIDE_BY_SIDE[1]).max() > 0, "the picture", process)
         press(xvfb, "f")

@@ -1,4 +1,4 @@
-"""Fades on both devices against the twins in numpy, and the twins against a formula."""
+"""Fades on GPU and CPU against numpy functions, and the functions against a formula."""
 
 import moderngl
 import numpy as np
@@ -13,14 +13,14 @@ from counterlight.pipeline.renderer import Renderer
 from tests.gl_objects import live_objects
 from tests.rooms import CAMERA, random_room, rgb_frame, yuv_frame
 
-ATOL = 1e-5  # float32 in sums of at most a few hundred terms of at most a few units
+ATOL = 1e-5  # float32 sums of at most a few hundred terms of small size
 LEVEL, WEIGHT = 0.625, 0.25
 PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
 VIEWS = "projector", "camera", "error", "split"
 
 
 def crossing(renderer: Renderer, before: Frame, now: Frame, adjustments: Adjustments = NEUTRAL) -> Renderer:
-    """From a frame to another, WEIGHT of the first being left, and both darker."""
+    """Crossfade between two frames, with WEIGHT of the first left, and both darkened."""
     renderer.open(before.format)
     renderer.adjust(adjustments)
     renderer.upload(before)
@@ -77,7 +77,7 @@ def test_a_fade_asks_for_blended_light_before_it_is_compensated(rng: np.random.G
 
 
 def test_a_crossfade_gives_up_what_it_held(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """Two media of one format in turn: as many GL objects after many crossfades as after the first."""
+    """Media of one format alternate. The number of GL objects after many crossfades is as after the first."""
     frame = yuv_frame(rng, (9, 15))
     renderer = GlRenderer(gl_context, random_room(rng, far=False))
     counts = []

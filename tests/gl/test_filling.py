@@ -1,4 +1,4 @@
-"""A window that fills a monitor stays there, whatever others do to it; seen on a curtain, which needs no OpenGL."""
+"""A window that fills a monitor stays there despite other changes, tested with a curtain, which needs no OpenGL."""
 
 import subprocess
 import sys
@@ -16,7 +16,7 @@ DESK, PROJECTOR = (0, 0, 1280, 720), (1280, 0, 1024, 768)
 
 @pytest.fixture
 def curtain(two_monitors: str) -> Iterator[subprocess.Popen[str]]:
-    """On DUMMY1."""
+    """Run a curtain on DUMMY1."""
     with running(sys.executable, "-m", "counterlight.gl.curtain", "DUMMY1", folder=ROOT, **on(two_monitors)) as process:
         wait_until(lambda: mapped_windows(two_monitors) == {PROJECTOR}, "the curtain", process)
         yield process
@@ -34,7 +34,7 @@ def test_a_window_that_is_moved_goes_back(two_monitors: str, curtain: subprocess
 def test_a_window_waits_for_its_monitor_and_never_covers_another(
     two_monitors: str, curtain: subprocess.Popen[str]
 ) -> None:
-    """The desk's monitor takes the projector's place on the desktop while that is off."""
+    """The desk's monitor takes the projector's place on the desktop while the projector is off."""
     try:
         xrandr(two_monitors, "--output", "DUMMY1", "--pos", "0x0", "--output", "DUMMY0", "--pos", "1024x0")
         wait_until(lambda: mapped_windows(two_monitors) == {(0, 0, 1024, 768)}, "it goes with its monitor", curtain)
@@ -46,7 +46,7 @@ def test_a_window_waits_for_its_monitor_and_never_covers_another(
 
 
 def test_a_monitor_that_is_not_there_is_waited_for(two_monitors: str) -> None:
-    """Black on the desk would help nobody."""
+    """A black window on the desk would not help."""
     words = sys.executable, "-m", "counterlight.gl.curtain", "DUMMY1", "DUMMY0"
     try:
         xrandr(two_monitors, "--output", "DUMMY1", "--off")

@@ -1,4 +1,4 @@
-"""The radiance shaders against their CPU twin: any number of exposures, both depths, grey and colour."""
+"""The radiance shaders against the CPU function: any number of exposures, both bit depths, grey and colour."""
 
 import moderngl
 import numpy as np
@@ -23,7 +23,7 @@ def estimator_of(method: str, levels: int, channels: int) -> Estimator:
 
 
 def codes_with_ends(rng: np.random.Generator, shape: tuple[int, ...], levels: int) -> np.ndarray:
-    """Random codes, a third of them black or clipped."""
+    """Return random codes, a third of them black or clipped."""
     codes = rng.integers(0, levels, shape)
     ends = rng.uniform(size=shape)
     codes[ends < 0.15], codes[ends > 0.85] = 0, levels - 1
@@ -48,13 +48,13 @@ def test_the_gpu_sums_as_the_cpu_does(
     levels: int,
     shape: tuple[int, int, int],
 ) -> None:
-    """(61, 90, 3) fills a row of texels and begins a second one."""
+    """A picture of (61, 90, 3) fills a row of texels and begins a second row."""
     estimator = estimator_of(method, levels, shape[2])
     with GlSums(gl_context, estimator.table, shape, estimator.exponential, SLACK) as sums:
-        for count in (2, BATCH, BATCH + 1):  # the same object again: it starts anew
+        for count in (2, BATCH, BATCH + 1):  # the same object starts anew
             times = 10 ** rng.uniform(-4, 1, count)
             codes = codes_with_ends(rng, (count, *shape), levels)
-            codes[:, 0, 0] = levels - 1  # a bound that has to pass from batch to batch
+            codes[:, 0, 0] = levels - 1  # a bound that must carry over from batch to batch
             codes[: count // 2, 0, 1] = 0
             codes[count // 2 :, 0, 1] = levels - 1
             expected = add_all(CpuSums(estimator, shape), estimator, codes, times)

@@ -1,4 +1,4 @@
-"""Three players on one machine, in windows of their own: a leader, and followers over wires that delay and lose."""
+"""Three players on one machine, each in a window: a leader, and followers over wires that delay and lose."""
 
 import socket
 import time
@@ -17,12 +17,12 @@ from tests.udp_proxy import Wire, wire
 
 FRAME_S = 0.04
 SAMPLES = 60
-WIRES = ((0.0, 0.0), 0.0), ((0.005, 0.04), 0.25)  # a cable; a bad radio link: delay of each way, loss
+WIRES = ((0.0, 0.0), 0.0), ((0.005, 0.04), 0.25)  # a cable; a bad radio link: delay range in each direction, loss
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two minutes, so that nothing loops while a test looks."""
+    """Write two minutes of video, so that nothing loops during a test."""
     path = tmp_path_factory.mktemp("clip") / "clip.mkv"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=25)
@@ -42,20 +42,20 @@ def free_port() -> int:
 
 
 def origin_s(client: Client) -> float:
-    """Clock time at which the medium's time 0 was or would have been shown.
+    """Return the clock time at which the medium's time 0 was or would have been shown.
 
-    A frame is asked for up to its duration after its time, and may be late: the earliest of many is nearest.
+    A frame is requested up to its duration after its time, and may be late. The earliest of many is the closest.
     """
     found = []
     for _ in range(SAMPLES):
         position_s = client.get("time-pos")
         found.append(time.monotonic() - position_s)
-        time.sleep(0.013)  # not in step with frames
+        time.sleep(0.013)  # not synchronous with frames
     return min(found)
 
 
 def assert_in_step(leader: Client, followers: list[Client]) -> None:
-    """Media times come to agree within a frame; how soon does not matter."""
+    """Wait until media times agree within a frame, however long this takes."""
     until_s = time.monotonic() + PATIENCE_S
     while True:
         origin = origin_s(leader)
@@ -109,5 +109,5 @@ def test_followers_keep_in_step_over_good_and_bad_wires(
             assert time.monotonic() < until_s + PATIENCE_S
         before = followers[1].get("frames")
         leader.ask("quit")
-        while followers[1].get("frames") < before + 10:  # the show goes on
+        while followers[1].get("frames") < before + 10:  # the show continues
             assert time.monotonic() < until_s + 2 * PATIENCE_S

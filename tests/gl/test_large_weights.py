@@ -39,4 +39,4 @@ def test_large_cancelling_weights_stay_within_the_rows_l1_bound(
     l1 = np.add.reduceat(np.abs(products), indptr[:-1])
     n = (lengths + 1)[:, None]  # each product rounds once as well
     assert np.all(np.abs(shown - exact) <= n * UNIT_ROUNDOFF / (1 - n * UNIT_ROUNDOFF) * l1)
-    assert np.abs(exact).max() < 0.01 * l1.max()  # they do cancel
+    assert np.abs(exact).max() < 0.01 * l1.max()  # the weights do cancel

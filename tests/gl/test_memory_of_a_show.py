@@ -1,4 +1,4 @@
-"""A player in a window takes no more memory, descriptors and threads after reloads and media."""
+"""A player in a window needs no more memory, descriptors and threads after reloads and media changes."""
 
 import gc
 import weakref
@@ -26,7 +26,7 @@ SIZES = (360, 480), (480, 640)  # of media
 
 
 def grown(pid: int, act: Callable[[], None]) -> int:
-    """Bytes by which some acts make a process larger, after the first few."""
+    """Return the bytes by which some actions enlarge a process, after the first few."""
     for _ in range(WARM_UP):
         act()
     before = rss_bytes(pid) or 0
@@ -36,7 +36,7 @@ def grown(pid: int, act: Callable[[], None]) -> int:
 
 
 def test_reloads_take_no_memory(xvfb: str, plain_room: Path, folder: Path) -> None:
-    """Maps of 23 MiB: half of the reloads would tell if they kept theirs. `make fuzz` reloads small ones for long."""
+    """Maps take 23 MiB: keeping them in half of the reloads would show. `make fuzz` runs many reloads of small maps."""
     maps = sum(each.nbytes for each in read_room(plain_room, None).maps.named().values())
     with show(xvfb, folder, plain_room, "clip.mkv", "--loop") as (process, client):
 
@@ -49,7 +49,7 @@ def test_reloads_take_no_memory(xvfb: str, plain_room: Path, folder: Path) -> No
 
 
 def test_media_take_neither_memory_nor_anything_else(xvfb: str, small_room: Path, folder: Path) -> None:
-    """So large that half of them would tell if each kept a picture in linear light."""
+    """The media are so large that keeping one linear picture in half of them would show."""
     picture = sum(height * width * 4 * 4 for height, width in SIZES) / len(SIZES)
     names = []
     for n, shape in enumerate(SIZES):
@@ -74,7 +74,10 @@ def test_media_take_neither_memory_nor_anything_else(xvfb: str, small_room: Path
 
 @pytest.mark.parametrize("start", STARTS)
 def test_a_room_is_freed_with_its_renderer(gl_context: moderngl.Context, rng: np.random.Generator, start: str) -> None:
-    """By reference counts: a collection may not come for hours. Every view has been drawn, with all it can hold."""
+    """Reference counts free the room, because a collection may be hours away.
+
+    Every view was drawn with all its objects.
+    """
     room = physical_room(rng, start=start).room
     kept, frame = weakref.ref(room), rgb_frame(rng.integers(0, 255, (9, 12, 3), np.uint8))
     gc.collect()

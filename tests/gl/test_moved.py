@@ -1,4 +1,4 @@
-"""Pictures that have moved: the pass against its twin, alone and in the chain that the player runs."""
+"""Moved pictures: the pass against the CPU function, alone and in the player's chain."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from tests.renderers import both, read
 from tests.rooms import random_room, yuv_frame
 
 REGIONS = Region(0, 0, 13, 7), Region(13, 0, 11, 5), Region(24, 0, 4, 7), Region(0, 7, 12, 6)
-# Positions of up to 28 pixels in float32 are off by 28 · 2⁻²³ · a few roundings, slopes of random drives are below 4.
+# Positions up to 28 pixels in float32 are wrong by 28 · 2⁻²³ and some roundings. Random drives have slopes below 4.
 ATOL = 1e-4
 
 

@@ -1,4 +1,4 @@
-"""A show in a window goes on while media are opened that never open, and after those that cannot be played."""
+"""A show in a window continues while media never finish opening, and after media that cannot be played."""
 
 import os
 import socket
@@ -20,13 +20,13 @@ from tests.test_border import FFCONCAT, HLS
 
 @pytest.fixture
 def mute_peer() -> Any:
-    """A port that accepts and says nothing."""
+    """Open a port that accepts connections and sends nothing."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
 
 def plays_on(client: Client, process: Any, frames: int = 10) -> None:
-    """That many more frames are shown."""
+    """Wait until that many more frames are shown."""
     before = client.get("frames")
     wait_until(lambda: client.get("frames") >= before + frames, "the show goes on", process)
 
@@ -42,7 +42,7 @@ def test_keys_socket_and_heartbeat_answer_while_a_peer_says_nothing(
     with show(xvfb, folder, small_room, "clip.mkv", *options) as (process, client):
         assert client.ask("loadfile", mute_peer)["error"] == "success"
         assert client.get("playlist") == [mute_peer]
-        for _ in range(3):  # each of these would have to wait for the peer
+        for _ in range(3):  # each request would have to wait for the peer
             plays_on(client, process)
             compensation = client.get("compensation")
             press(xvfb, "c")
@@ -55,7 +55,7 @@ def test_keys_socket_and_heartbeat_answer_while_a_peer_says_nothing(
         plays_on(client, process)
         client.ask("loadfile", mute_peer)
         plays_on(client, process)
-        assert client.ask("quit")["error"] == "success"  # while it is opened
+        assert client.ask("quit")["error"] == "success"  # while the medium is still opening
         assert process.wait(PATIENCE_S) == 0
 
 
@@ -87,7 +87,7 @@ def test_a_remote_names_files_below_its_roots_and_nothing_else(xvfb: str, small_
         ):
             for how in ("replace", "append"):
                 assert client.ask("loadfile", name, how)["error"] == "error running command", name
-        for name in ("list.mp4", "list.hls"):  # which opening alone tells
+        for name in ("list.mp4", "list.hls"):  # only opening reveals the fault
             assert client.ask("loadfile", name)["error"] == "success"
             wait_until(told(client, f"{name}: "), "it is passed over", process)
         assert client.get("playlist") == ["clip.mkv"]
@@ -146,7 +146,7 @@ def test_what_cannot_be_played_never_ends_a_remote_controlled_show(xvfb: str, sm
         (folder / "fresh.mkv").replace(folder / "broken.mkv")
         client.ask("set_property", "loop-file", False)
         wait_until(lambda: client.get("path") == "broken.mkv", "it plays when it can be played", process)
-        assert process.wait(PATIENCE_S) == 0  # and then the list is at its end
+        assert process.wait(PATIENCE_S) == 0  # then the list ends
 
 
 @pytest.mark.parametrize("last", ["good", "bad"])

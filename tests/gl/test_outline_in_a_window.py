@@ -1,4 +1,4 @@
-"""Placing in a real window: the outline and the selected corner's handle on the screen, not in what is saved."""
+"""Placing in a real window: outline and handle of the selected corner are on the screen, not in saved pictures."""
 
 from pathlib import Path
 
@@ -46,7 +46,7 @@ def test_it_runs_through_the_windows_of_several_projectors(
     noise_picture: Path,
     tmp_path: Path,
 ) -> None:
-    """The text is in the first window alone; the second one shows its part of the line."""
+    """Only the first window has the text. The second window shows its part of the line."""
     second = SIDE_BY_SIDE[1]
 
     def handles() -> bool:
@@ -55,7 +55,7 @@ def test_it_runs_through_the_windows_of_several_projectors(
     with show(xvfb, tmp_path, joint, noise_picture) as (process, client):
         client.ask("place")
         wait_until(handles, "handles in the second window", process)
-        client.ask("set_property", "view", "camera")  # whole in the first window
+        client.ask("set_property", "view", "camera")  # complete in the first window
         wait_until(lambda: screen(xvfb, second).max() == 0, "black in the second window", process)
         client.ask("set_property", "view", "projector")
         wait_until(handles, "handles in the second window again", process)

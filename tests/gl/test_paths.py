@@ -1,4 +1,4 @@
-"""Both paths of the row-map product against the CPU twin: products, whole frames, the choice between them."""
+"""Both paths of the row-map product against the CPU function: products, whole frames, the choice of the path."""
 
 import json
 from pathlib import Path
@@ -26,7 +26,7 @@ from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to_one_room, yuv_frame
 from tests.small_rooms import with_words
 
-ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
+ATOL = 1e-5  # the bound of the requirement; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP")
 
@@ -38,7 +38,7 @@ def store(context: moderngl.Context, packed: RowMap, path: str) -> StoredMap:
 def multiply(
     context: moderngl.Context, stored: StoredMap, picture: np.ndarray, base: np.ndarray | None = None, combine: str = ""
 ) -> np.ndarray:
-    """One product; gives back what it took, `stored` as well."""
+    """Compute one product, and release its memory and the memory of `stored`."""
     owner = Owner()
     product = owner.own(stored.product(combine))
     inputs = [owner.own(picture_texture(context, each)) for each in (picture, base) if each is not None]
@@ -54,7 +54,7 @@ def combined(product: np.ndarray, base: np.ndarray, combine: str) -> np.ndarray:
 
 
 def test_there_are_compute_shaders_here(gl_context: moderngl.Context) -> None:
-    """Else the tests below would show nothing: Mesa has had them for years."""
+    """Without compute shaders, the tests below prove nothing. Mesa has had them for years."""
     assert supports_compute(gl_context)
 
 
@@ -71,7 +71,7 @@ def test_a_product_equals_its_twin(
     source: tuple[int, int],
     longest: int,
 ) -> None:
-    """Rows of 0 to `longest` entries; 300 make several invocations share a row."""
+    """Rows have 0 to `longest` entries. With 300, several invocations share a row."""
     packed = random_map(rng, output, source, longest, scale=min(1, 20 / longest))
     assert packed.lookup[..., 2].min() < 0.2 * longest
     picture = rng.uniform(-1, 1, (*source, 3)).astype(np.float32)
@@ -84,7 +84,7 @@ def test_a_product_equals_its_twin(
 
 @pytest.mark.parametrize("path", PATHS)
 def test_empty_rows_give_the_base_and_no_row_reads_another_pixel(gl_context: moderngl.Context, path: str) -> None:
-    """The source is infinite wherever no row reads; a padded entry that read it would give NaN."""
+    """The source is infinite in all unread pixels, so a padded entry that reads one gives NaN."""
     lengths = np.tile([0, 1, 0, 17, 3], 30)
     indptr = np.concatenate([[0], np.cumsum(lengths)])
     indices = np.arange(indptr[-1]) % 40 + 60
@@ -153,7 +153,8 @@ def test_every_view_by_compute_shaders_equals_its_twin(
     with both(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), "compute") as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render(view, compensate=True)
-        tolerance = 100 * ATOL if view == "error" else 2 * ATOL  # its colours magnify; else two row maps in sequence
+        # the error view magnifies; other views use two row maps in sequence
+        tolerance = 100 * ATOL if view == "error" else 2 * ATOL
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=tolerance)
 
 
@@ -174,9 +175,9 @@ def test_auto_keeps_the_fastest(
     kept: str,
     measured: set[str],
 ) -> None:
-    """Measurements decide: they are real, and of some paths much longer than any frame here could take.
+    """Measurements are real. For slow paths, a time far above any frame here is added.
 
-    Words are measured once, on the path that is the faster without.
+    Words are measured once, on the path that is faster without words.
     """
     measure = paths.products_ms
     monkeypatch.setattr(
@@ -204,7 +205,7 @@ def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: n
 
 
 class OldContext:
-    """A context that says it is OpenGL 3.3."""
+    """A context that reports OpenGL 3.3."""
 
     version_code = 330
 
@@ -224,7 +225,7 @@ def test_without_opengl_4_3_there_are_fragments(gl_context: moderngl.Context, rn
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A room whose every row has one entry, of one colour: nothing is left out, and a word holds an entry."""
+    """Return a room with one single-colour entry per row, so that nothing is left out and a word holds an entry."""
     folder = tmp_path_factory.mktemp("paths") / "wall"
     write_one_to_one_room(folder, PROJECTOR)
     assert build_correction_map.main([str(folder), "--regularize", "none"]) in (None, 0)
@@ -232,7 +233,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, rng: np.random.Generator) -> None:
-    """And on fragments if OpenGL is asked for and no path: their results repeat."""
+    """If OpenGL is requested without a path, files use fragments, because their results repeat."""
     exr.write_rgb(tmp_path / "c.exr", rng.uniform(0, 0.5, (*PROJECTOR, 3)).astype(np.float32))
     drives, chosen = {}, {}
     asked = [("--backend", "gl"), *(("--path", path) for path in ("fragment", "compute", "auto"))]

@@ -1,4 +1,4 @@
-"""Patterns in a real GLFW window under Xvfb: a simulated camera that looks at the desktop's own pixels."""
+"""Patterns in a real GLFW window under Xvfb, seen by a simulated camera that reads the desktop's pixels."""
 
 import filecmp
 import sys

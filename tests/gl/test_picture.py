@@ -1,4 +1,4 @@
-"""What a viewer changes, on the GPU against its CPU twin; and that a picture nobody changed is what it always was."""
+"""Viewer controls on the GPU against the CPU function. A picture without changes stays bit-identical."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_room, rgb_frame, yuv_frame
 from tests.screens_of_cameras import split_screen
 
-ATOL = 1e-5  # the issue's bound
+ATOL = 1e-5  # the bound of the requirement
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))
 PICTURES = {
     "brightness": Adjustments(brightness=23),
@@ -70,7 +70,7 @@ def test_every_property_equals_its_twin(
                 renderer.render(view, compensate=compensate, steps=steps)
             np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
         np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=ATOL)
-        if name != "flicker":  # which has no effect on a first frame
+        if name != "flicker":  # flicker has no effect on a first frame
             assert np.abs(gl.desired() - unchanged[1]).max() > 1e-3
         for renderer in (gl, cpu):
             renderer.adjust(NEUTRAL)
@@ -106,7 +106,10 @@ def test_hdr_and_wide_primaries_equal_their_twin(
 def test_a_table_equals_its_twin(
     gl_context: moderngl.Context, rng: np.random.Generator, transfer: str, tmp_path: Path
 ) -> None:
-    """On and off again, another one, another type: each is built when it is first asked for, and nothing is left."""
+    """Tables are switched on, off and replaced, also by another type.
+
+    Each is built on first use, and nothing is left.
+    """
     domains = UNIT, ((-0.1, 0.0, 0.1), (1.1, 0.9, 1.0))
     cubes = [read_cube(write_cube(tmp_path / f"{n}.cube", rng, 5 + 12 * n, domains[n])) for n in range(2)]
     frame = yuv_frame(rng, (9, 15), transfer=transfer, primaries="bt2020" if transfer == "pq" else "bt709", depth=10)
@@ -139,7 +142,8 @@ def test_radiance_equals_its_twin(gl_context: moderngl.Context, rng: np.random.G
             renderer.render("projector", compensate=True)
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
         np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=ATOL)
-        assert (gl.desired().tobytes() == plain.tobytes()) == (name == "brightness")  # radiance has no codes
+        # brightness acts on codes, and radiance has none
+        assert (gl.desired().tobytes() == plain.tobytes()) == (name == "brightness")
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -154,7 +158,7 @@ def test_every_view_equals_its_twin(
         for renderer in (gl, cpu):
             renderer.adjust(Adjustments(clipping=clipping, contrast=30))
             renderer.render(view, compensate=compensate, steps=2)
-        # A map's colour changes by up to 25 times what its figures do, whose float32 error is 5e-7.
+        # Map colours change by up to 25 times the figures' change; the figures have a float32 error of 5e-7.
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * ATOL)
         assert np.abs(gl.encoded().astype(int) - cpu.encoded()).max() <= 1
         mapped = gl.linear().copy()
@@ -165,7 +169,7 @@ def test_every_view_equals_its_twin(
 
 
 def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """Adaptation and damping go on from frame to frame, start anew at a cut, and a frame drawn again stays."""
+    """Adaptation and damping continue between frames and restart at a cut. A frame drawn again stays the same."""
     first, other = (rng.integers(0, 200, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     shown = [first, first // 2 + 60, first // 2 + 60, other, other + 20, other]
     room = replace(physical_room(rng).room, white=0.8)
@@ -183,11 +187,14 @@ def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np
             for renderer in (gl, cpu):
                 renderer.render("projector", compensate=True, steps=index % 3)
             np.testing.assert_array_equal(gl.linear(), drives[-1])
-    assert np.abs(drives[2] - drives[1]).max() > 1e-2  # still on its way
+    assert np.abs(drives[2] - drives[1]).max() > 1e-2  # still adapting
 
 
 def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """More pixels than are sampled, a size that tiles do not divide, and the way from one frame to the next."""
+    """The view has more pixels than samples and a size that tiles do not divide.
+
+    Adaptation runs from frame to frame.
+    """
     shape, white, share = (301, 523), 0.7, 0.02
     ambient = rng.uniform(0, 0.2, (*shape, 3)).astype(np.float32)
     seen = np.repeat(rng.uniform(0.3, 1, (*shape, 1)), 3, axis=2).astype(np.float32)
@@ -215,7 +222,7 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
 def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The pipeline written out without anything of player/pipeline/adjustments.py, its shader without brightness."""
+    """The reference pipeline omits player/pipeline/adjustments.py, and its shader has no brightness."""
     room, frame = random_room(rng, far=False, dither="noise"), yuv_frame(rng, (9, 15))
     with both(gl_context, room, frame) as (gl, _):
         gl.adjust(
@@ -340,7 +347,7 @@ def test_a_picture_on_the_screen_of_two_cameras_equals_its_twin(
 
 
 def test_radiance_is_of_the_cameras_pixel_by_pixel(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """Corners, which place a picture on the screen, do not move it."""
+    """Corners place a picture on the screen. They do not move radiance."""
     physical = physical_room(rng).room
     room = replace(physical, calibration=replace(physical.calibration, screen=split_screen(CAMERA, 6)))
     frame = radiance_frame(rng.uniform(0, 1.5, (*CAMERA, 3)).astype(np.float32))

@@ -1,4 +1,4 @@
-"""docs/player.md, walked in a real window: every key is pressed, every command run, every property read and set."""
+"""docs/player.md in a real window: every key is pressed, every command run, every property read and set."""
 
 import json
 import re
@@ -53,7 +53,7 @@ def walking(display: str, folder: Path, *arguments: object) -> AbstractContextMa
 
 
 def documented(commands: Commands) -> None:
-    """The page lists the commands with their arguments, and the properties, that there are."""
+    """The page lists every command with its arguments, and every property."""
     listed = {row[0]: row[1] for row in table("Commands")}
     assert listed == {name: commands.usage(name) for name in commands.names()}
     properties = {row[0]: row[1:] for row in table("Properties")}
@@ -66,12 +66,12 @@ def test_the_page_lists_what_there_is() -> None:
         rows = table("Keys", number)
         assert {row[0]: row[1] for row in rows} == bindings
         for row, above in zip(rows, [["", "", ""], *rows], strict=False):
-            meaning = row[2] or MEANINGS[above[1]]  # left out where it is that of the row above
+            meaning = row[2] or MEANINGS[above[1]]  # an empty cell repeats the row above
             assert meaning.startswith(MEANINGS[row[1]]), row
 
 
 def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None:
-    """Each key, pressed for real, changes the property of its command, or says what it did, or leaves its file."""
+    """Each key, really pressed, changes its command's property, prints its action, or writes its file."""
     with walking(xvfb, folder, "watch", small_room, "clip.mkv", "clip.mkv", "--loop") as process:
         states: SimpleQueue[State] = SimpleQueue()
 
@@ -109,7 +109,7 @@ def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None
             if key not in ("q", "k"):
                 now = reach(key, arrival(words))
         assert list(folder.glob("counterlight-*.png"))
-        now = reach("escape", lambda before, after: not after["help"])  # which ? has opened
+        now = reach("escape", lambda before, after: not after["help"])  # opened by ?
         for key, words, *_ in table("Keys", 1):
             if not now["placing"]:
                 now = reach("k", arrival("place"))
@@ -119,7 +119,7 @@ def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None
 
 
 def arrival(words: str) -> Callable[[State, State], bool]:
-    """What tells that a key's command has been done."""
+    """Return the event that shows that a key's command is done."""
     name, *rest = words.split()
     if name in ("cycle", "add", "multiply", "set"):
         if rest[0] in ("volume", "mute"):
@@ -169,9 +169,9 @@ def test_every_documented_command_and_property(xvfb: str, small_room: Path, fold
     assert {answer["call"][1] for answer in first if "error" in answer} == {"volume", "mute"}
     expected = {"view": "camera", "contrast": 2, "compensation": True, "duration": pytest.approx(5)}
     assert {name: found[name] for name in expected} == expected
-    assert len(found["playlist"]) == 1  # the last that edits it is playlist-clear
+    assert len(found["playlist"]) == 1  # playlist-clear is the last command that edits it
     assert found["refine"] == 8
-    assert 0 <= found["gap"] < np.inf  # 0 where the clip has just begun: darker than the room, whatever is shown
+    assert 0 <= found["gap"] < np.inf  # 0 at the clip's start: the picture is darker than the room, whatever the drive
     assert 10 < found["psnr"] < 80
     assert len(found["corners"]) == 4
     assert (small_room / "placement.toml").exists()

@@ -1,4 +1,4 @@
-"""`acquire --preview` in real windows: the live picture, keys, what clips, and what begins when it is done."""
+"""`acquire --preview` in real windows: live picture, keys, clipping marks, and the start of the acquisition."""
 
 import re
 import subprocess
@@ -33,17 +33,17 @@ def aiming(display: str, *arguments: object, windows: int = 2, **environment: st
 
 
 def preview_box(display: str) -> tuple[int, int, int, int]:
-    """The larger of the two windows."""
+    """Return the box of the larger window."""
     return max(mapped_windows(display), key=lambda box: box[2] * box[3])
 
 
 def marked(display: str) -> float:
-    """Share of the preview that is in the colour of what clips."""
+    """Return the share of the preview in the clipping colour."""
     return float(np.all(screen(display, preview_box(display)) == MARK, axis=2).mean())
 
 
 def press_until(display: str, key: str, reached: Callable[[], bool], process: subprocess.Popen[str]) -> int:
-    """How often a key was pressed; the window takes some frames to follow."""
+    """Return how often a key was pressed. The window takes some frames to follow."""
     deadline, count = time.monotonic() + PATIENCE_S, 0
     while not reached():
         assert process.poll() is None, process.communicate()
@@ -60,9 +60,9 @@ def test_what_clips_is_marked_the_exposure_follows_and_the_acquisition_begins(
     words = ["--camera", f"simulated:{room}", "--window", "--scheme", "graycode", "-o", tmp_path / "out"]
     with aiming(xvfb, *words) as process:
         wait_until(lambda: screen(xvfb, preview_box(xvfb)).mean() > 30, "light in the preview", process)
-        legend = marked(xvfb)  # the legend's swatch has the colour, too
+        legend = marked(xvfb)  # the legend's swatch has the same colour
         up = press_until(xvfb, "plus", lambda: marked(xvfb) > legend + 0.2, process)
-        assert up >= 1  # at first the brightest pixel is at 80 % of the range
+        assert up >= 1  # the brightest pixel starts at 80 % of the range
         press_until(xvfb, "minus", lambda: marked(xvfb) <= legend, process)
         press(xvfb, "minus")
         press(xvfb, "space")
@@ -70,7 +70,7 @@ def test_what_clips_is_marked_the_exposure_follows_and_the_acquisition_begins(
     assert process.returncode == 0, errors
     (times,) = re.findall(r"to go on after an interruption: --exposures (\S+)", printed)
     steps = np.log2(float(times)) * 3
-    assert abs(steps - round(steps)) < 0.01  # thirds of a stop, said to four digits
+    assert abs(steps - round(steps)) < 0.01  # thirds of a stop, printed with four digits
     assert round(steps) <= 0
     assert "own pattern good" in printed
     recorded = (tmp_path / "out.captures" / "session.toml").read_text()
@@ -97,7 +97,8 @@ def test_a_machine_vision_camera_is_aimed_on_the_other_monitor(two_monitors: str
         assert top + height <= 720
         wait_until(lambda: np.ptp(screen(two_monitors, box)[:, -9:]) > 30, "its test picture", process)
         wait_until(lambda: bool(np.all(screen(two_monitors, projector) == 255)), "white", process)
-        for key in ("plus", "plus", "minus", "q"):  # 10 s are its longest exposure: the second is refused, and said
+        # the longest exposure is 10 s, so the second key is refused with a message
+        for key in ("plus", "plus", "minus", "q"):
             press(two_monitors, key)
         printed, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, printed, errors) == (0, "nothing acquired\n", "")
@@ -108,7 +109,7 @@ def test_other_programs_aim_in_a_folder(xvfb: str, tmp_path: Path) -> None:
     words = ["--camera", f"folder:{exchange}", "--projector", "30x21", "-o", tmp_path / "out"]
     with aiming(xvfb, *words, windows=1) as process:
         assert np.all(cv2.imread(str(exchange / "aim" / "pattern.png")) == 255)
-        corner = (slice(-9, None), slice(-9, None))  # beside the text
+        corner = (slice(-9, None), slice(-9, None))  # next to the text
         assert not screen(xvfb, preview_box(xvfb))[corner].any()
         cv2.imwrite(str(exchange / "aim" / "one.png"), np.full((48, 64, 3), 255, np.uint8))
         wait_until(lambda: bool(np.all(screen(xvfb, preview_box(xvfb))[corner] == MARK)), "what clips", process)

@@ -1,4 +1,4 @@
-"""Refinement on the GPU against its CPU twin: each shader, the iteration, the certificate, what a frame leaves."""
+"""Refinement on the GPU against the CPU function: each shader, the iteration, the certificate, state between frames."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, random_room, rgb_frame
 
-ATOL = 1e-5  # the issue's bound
+ATOL = 1e-5  # the bound of the requirement
 SHAPE = (37, 21)
 
 
@@ -29,7 +29,7 @@ def run(
     defines: dict[str, int | None] | None = None,
     **uniforms: float,
 ) -> np.ndarray:
-    """One shader over float32 pictures, drawn once."""
+    """Draw one shader once over float32 pictures."""
     textures = {
         name: integer_texture(context, picture) if picture.dtype == np.uint32 else picture_texture(context, picture)
         for name, picture in inputs.items()
@@ -114,7 +114,7 @@ def test_what_the_room_alone_makes_too_bright_is_told_and_not_asked_for(
 def seen(
     context: moderngl.Context, room: Room, picture: np.ndarray, steps: int
 ) -> list[tuple[np.ndarray, np.ndarray, Certificate]]:
-    """Drive, the map of errors and the certificate of a picture of radiance, by each renderer."""
+    """Return each renderer's drive, error map and certificate of a radiance picture."""
     found = []
     with both(context, room, radiance_frame(picture)) as renderers:
         for renderer in renderers:
@@ -138,7 +138,7 @@ def test_a_block_sum_equals_its_twin(gl_context: moderngl.Context, rng: np.rando
 
 
 def a_prior(rng: np.random.Generator) -> Prior:
-    """Which ties no pixel beyond the picture's edge."""
+    """Return a random prior without ties across the picture's edge."""
     prior = Prior(*(rng.uniform(0, 1, (*SHAPE, 3)).astype(np.float32) for _ in range(3)))
     prior.right[:, -1] = prior.down[-1] = 0
     return prior
@@ -205,7 +205,7 @@ def test_another_start_begins_with_the_next_frame(gl_context: moderngl.Context, 
 
 @pytest.mark.parametrize("start", ["previous", "previous-direct"])
 def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator, start: str) -> None:
-    """Two that resemble each other, a cut, one without refinement, one after it."""
+    """Two similar frames, a cut, a frame without refinement, and a frame after it."""
     scene, other = (rng.integers(0, 255, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     darker = (scene * 0.95).astype(np.uint8)
     shown = [(scene, 3), (darker, 3), (darker, 3), (other, 3), (other, 0), (darker, 3)]
@@ -217,18 +217,18 @@ def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np
                 renderer.render("projector", compensate=True, steps=steps)
             np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
             drives.append(gl.linear())
-            for renderer in (gl, cpu):  # drawn again, a frame stays as it is
+            for renderer in (gl, cpu):  # drawing a frame again changes nothing
                 renderer.render("projector", compensate=True, steps=steps)
             np.testing.assert_array_equal(gl.linear(), drives[-1])
             np.testing.assert_allclose(cpu.linear(), drives[-1], atol=ATOL)
-    assert np.abs(drives[2] - drives[1]).max() > 1e-3  # the same frame again goes on
-    assert np.abs(drives[5] - drives[1]).max() > 1e-3  # after a frame without, it begins anew
+    assert np.abs(drives[2] - drives[1]).max() > 1e-3  # uploading the same frame continues refinement
+    assert np.abs(drives[5] - drives[1]).max() > 1e-3  # after a frame without refinement, the start is new
 
 
 def test_steps_go_on_from_frame_to_frame_of_a_still_picture(
     gl_context: moderngl.Context, rng: np.random.Generator
 ) -> None:
-    """Four frames of three steps are one of twelve: drive, momentum and schedule are carried over."""
+    """Four frames of three steps equal one frame of twelve steps: drive, momentum and schedule carry over."""
     physical, frame = physical_room(rng), letters(rng)
     with both(gl_context, physical.room, frame) as at_once, both(gl_context, physical.room, frame) as in_frames:
         for renderer in at_once:

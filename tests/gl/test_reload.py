@@ -1,4 +1,4 @@
-"""ctrl+r with shaders that somebody has edited: of an installed copy, in a window, over the control socket."""
+"""ctrl+r with edited shaders of an installed copy, in a window and over the control socket."""
 
 import shutil
 import subprocess
@@ -18,7 +18,7 @@ BOX = (0, 0, 100, 75)
 
 @pytest.fixture
 def installed(tmp_path: Path) -> Path:
-    """A folder with the package as a wheel lays it out."""
+    """Return a folder with the package as a wheel installs it."""
     folder = tmp_path / "installed"
     left_out = shutil.ignore_patterns("__pycache__")
     shutil.copytree(ROOT / "player", folder / "counterlight", ignore=left_out)
@@ -28,7 +28,7 @@ def installed(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def playing_copy(xvfb: str, installed: Path, plain_room: Path, noise_picture: Path) -> Iterator[subprocess.Popen[str]]:
-    """The copy's player in a window, with a socket called `show.socket` beside it."""
+    """Run the copy's player in a window, with the control socket `show.socket` next to it."""
     options = "--no-config", "--osd", "off", "--path", "fragment", "--control", installed / "show.socket"
     program = sys.executable, "-P", "-m", "counterlight.app"
     with running(*program, plain_room, noise_picture, *options, **on(xvfb), PYTHONPATH=str(installed)) as process:
@@ -87,7 +87,7 @@ def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
     tmp_path: Path,
     playing_copy: subprocess.Popen[str],
 ) -> None:
-    """encode.frag without its textures compiles and links; the pass fails when the first picture is drawn."""
+    """encode.frag without its textures compiles and links. The pass fails when it draws the first picture."""
     corrected = expected_picture(plain_room, noise_picture, tmp_path)
     shader = installed / "counterlight" / "shaders" / "encode.frag"
     wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)

@@ -1,4 +1,4 @@
-"""--remote and --osc of a player in a window: who is heard, what he is told, and that no visitor harms the show."""
+"""--remote and --osc of a player in a window: allowed clients, their messages, and that no visitor harms the show."""
 
 import base64
 import json
@@ -36,7 +36,7 @@ def test_the_page_needs_no_token_and_says_nothing_and_everything_else_is_refused
             assert place.token.encode() not in body
             assert b"://" not in body.replace(b"http://www.w3.org/", b"")  # nothing is loaded from elsewhere
         assert place.get("/../../etc/passwd")[0] == place.get("/remote.py")[0] == 404
-        assert place.get("/", Host="evil.example")[0] == 421  # a stranger's name that points here
+        assert place.get("/", Host="evil.example")[0] == 421  # a foreign host name that points here
         assert place.get("/socket")[0] == 401
         for wrong, status in (
             ({"token": "x" * 22}, 401),
@@ -97,9 +97,9 @@ def test_pictures_of_the_screen_and_of_what_the_camera_will_see(xvfb: str, small
         assert picture("screen").shape == (28, 36, 3)
         assert picture("camera").shape == (30, 40, 3)
         assert "expected screen, camera" in visitor.ask("preview", "wall", -1)["message"]
-        time.sleep(1.0)  # what was asked for has been drawn
+        time.sleep(1.0)  # the requested picture has been drawn
         visitor.ask("preview", "screen", -1)
-        time.sleep(0.5)  # more than pictures are apart
+        time.sleep(0.5)  # longer than the interval between pictures
         serial = visitor.ask("preview", "screen", -1)["data"]["serial"]
         for _ in range(3):
             time.sleep(0.5)
@@ -107,7 +107,10 @@ def test_pictures_of_the_screen_and_of_what_the_camera_will_see(xvfb: str, small
 
 
 def test_twenty_visitors_and_slow_ones(xvfb: str, small_room: Path, folder: Path) -> None:
-    """Twenty ask for pictures and hear all that changes; five ask and do not read; the show and the others go on."""
+    """Twenty visitors request pictures and receive all changes. Five request and do not read.
+
+    Show and others continue.
+    """
     with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place):
         visitors = [place.visit() for _ in range(20)]
         slow = [SlowVisitor(place) for _ in range(5)]
@@ -125,13 +128,13 @@ def test_twenty_visitors_and_slow_ones(xvfb: str, small_room: Path, folder: Path
             visitor.close()
         assert (
             rss_mib(child(process.pid, "counterlight.remote")) < 100
-        )  # what the slow have not read is not kept without end
+        )  # unread data of slow visitors is not kept without limit
         for each in slow:
             each.close()
 
 
 class SlowVisitor:
-    """Asks for the list of properties, 10 KB, again and again, and reads nothing."""
+    """Requests the property list, 10 KB, again and again, and reads nothing."""
 
     def __init__(self, place: Place) -> None:
         self._socket = socket.create_connection(("127.0.0.1", place.port), PATIENCE_S)
@@ -153,7 +156,7 @@ class SlowVisitor:
             for _ in range(200):
                 self._socket.send(frame)
         except BlockingIOError:
-            pass  # it is not read either, as it should be
+            pass  # the server stops reading, as it should
 
     def close(self) -> None:
         self._socket.close()
@@ -188,13 +191,13 @@ def lets_in(place: Place) -> bool:
 def test_after_nonsense_it_answers_and_plays(
     xvfb: str, small_room: Path, folder: Path, rng: np.random.Generator
 ) -> None:
-    """Requests of known words in any order, mutilated ones, bytes; no HTTP; a message that is too long."""
+    """Known words in random order, damaged requests, bytes, invalid HTTP, and a message that is too long."""
     words = ["get_property", "set_property", "cycle", "add", "multiply", "set", "place", "seek", "place-drag"]
     words += ["loadfile", "place-move", "place-grab", "show-text", "ab-loop", "frame-step", "preview", "check-room"]
     things = [*(row[0] for row in table("Properties")), None, True, 0, -1, 1e308, 10**400, "", "\udc80", [], {}, "nan"]
     with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place):
         with place.visit() as visitor:
-            for index in range(int(2 * AT_ONCE)):  # beyond which requests are read slowly
+            for index in range(int(2 * AT_ONCE)):  # above AT_ONCE, requests are read slowly
                 line = random_line(rng, index, words, things)
                 visitor.send(line.decode("latin-1") if index % 2 else line)
             answer = visitor.ask("set_property", "blackout", False)
@@ -207,7 +210,7 @@ def test_after_nonsense_it_answers_and_plays(
                     while stranger.recv(1 << 16):
                         pass
                 except OSError:
-                    pass  # it hung up first
+                    pass  # the server closed the connection first
         with place.visit() as visitor:
             visitor.send("x" * (LONGEST_MESSAGE + 1))
             with pytest.raises(ConnectionClosed):
@@ -232,7 +235,7 @@ def test_a_remote_that_dies_is_replaced_and_the_show_does_not_notice(xvfb: str, 
             os.kill(first, signal.SIGKILL)
             with pytest.raises(ConnectionClosed):
                 visitor.hear_until(lambda: False)
-        with place.visit() as visitor:  # knocks until somebody opens
+        with place.visit() as visitor:  # tries until the server answers
             assert visitor.get("frames") >= frames
         assert child(process.pid, "counterlight.remote") != first
         process.terminate()
@@ -249,7 +252,7 @@ def test_a_supervised_player_that_dies_comes_back_at_the_same_address(
 
 
 def plays(place: Place) -> bool:
-    """Whether a player that plays is behind the page: neither one that is dying nor none."""
+    """Return whether a living player is behind the page."""
     try:
         with place.visit() as visitor:
             return bool(visitor.ask("get_property", "frames")["data"])
@@ -307,7 +310,7 @@ def test_osc_commands_the_show_and_is_answered(xvfb: str, small_room: Path, fold
             desk.send(os.urandom(size % 200))
         desk.settimeout(0.2)
 
-        def path_is_told() -> bool:  # what does not fit the system's buffer is lost, this question perhaps, too
+        def path_is_told() -> bool:  # data beyond the system's buffer is lost, perhaps with this request
             send("/counterlight/get/path")
             try:
                 return answer() == ("/counterlight/path", ["clip.mkv"])

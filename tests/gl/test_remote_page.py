@@ -1,4 +1,4 @@
-"""The page of --remote in a real browser: it shows the show, its controls work, and it finds the player again."""
+"""The page of --remote in a real browser: it shows the show, its controls work, and it reconnects to the player."""
 
 import os
 import shutil
@@ -28,7 +28,7 @@ def tabs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Page
 
 
 def opened(tabs: Callable[[], Page], place: Place) -> Page:
-    """The page, once it has a picture."""
+    """Return the page once it has a picture."""
     page = tabs()
     page.size(*DESKTOP)
     page.open(place.address)
@@ -77,7 +77,7 @@ def test_a_show_is_seen_and_commanded(tabs: Callable[[], Page], xvfb: str, small
 
 
 def test_a_list_is_edited_by_hand(tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path) -> None:
-    """A file is found in its folder and added, dragged to the front, and removed again."""
+    """A file from the folder is added, dragged to the front, and removed."""
     shutil.copy(folder / "clip.mkv", folder / "other.mkv")
     with (
         show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place),
@@ -151,7 +151,7 @@ def test_a_corner_is_dragged_on_the_preview(
         show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place),
         place.visit() as visitor,
     ):
-        visitor.ask("set_property", "pause", True)  # the next lap would end it
+        visitor.ask("set_property", "pause", True)  # another lap would end the show
         page = opened(tabs, place)
         page.click("[data-run=place]")
         page.wait("document.querySelector('#frame').classList.contains('placing')")
@@ -160,7 +160,8 @@ def test_a_corner_is_dragged_on_the_preview(
         left, top, width, height = page.ask(
             "(b => [b.left, b.top, b.width, b.height])(document.querySelector('#frame').getBoundingClientRect())"
         )
-        start = np.array([left, top]) + before[2].clip(0.01, 0.99) * (width, height)  # a finger is never quite on it
+        # a finger is never exactly on the handle
+        start = np.array([left, top]) + before[2].clip(0.01, 0.99) * (width, height)
         moves = [start + share * np.array([-0.2 * width, -0.1 * height]) for share in (0, 0.3, 0.6, 1)]
         page.drag(*((float(x), float(y)) for x, y in moves))
         expected = before + np.array([[0, 0], [0, 0], [-0.2, -0.1], [0, 0]])
@@ -191,7 +192,7 @@ def test_nothing_is_cut_off(
         too_small = page.ask(
             "[...document.querySelectorAll('button')].filter(b => b.offsetHeight && b.offsetHeight < 32).length"
         )
-        assert too_small == 0  # for a finger
+        assert too_small == 0  # large enough for a finger
 
 
 def test_it_finds_the_next_player_and_asks_for_a_token_that_is_wrong(

@@ -1,4 +1,4 @@
-"""Every shader against its CPU twin, alone and in the chain that the player runs."""
+"""Every shader against its CPU function, alone and in the player's chain."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ from tests.rooms import (
     yuv_frame,
 )
 
-FLOAT_ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
+FLOAT_ATOL = 1e-5  # the bound of the requirement; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
 
 
@@ -77,7 +77,7 @@ def test_a_row_map_equals_its_twin(
 def test_a_map_in_tiles_is_the_map_in_one(
     gl_context: moderngl.Context, rng: np.random.Generator, combine: str, wide: bool
 ) -> None:
-    """Bit for bit: a row is summed by one draw, in the same order. Rows without entries are drawn wherever they are."""
+    """Bit-identical: each row is summed by one draw, in the same order. Rows without entries are drawn anywhere."""
     packed = random_map(rng, (7, 13), (11, 17), 20)
     empty = packed.lookup[..., 2] == 0
     assert empty.any()
@@ -105,14 +105,14 @@ def test_a_map_in_tiles_is_the_map_in_one(
 
 @pytest.mark.parametrize("wide", [False, True])
 def test_indices_are_exact_up_to_the_last_source_pixel(gl_context: moderngl.Context, wide: bool) -> None:
-    """A source as large as the alpha channel can address (2²⁴ pixels), and one a row larger, read at its corners."""
+    """The source is as large as the alpha channel can address (2²⁴ pixels), or one row larger. Its corners are read."""
     source = (4096 + wide, 4096)
     last = source[0] * source[1] - 1
     indices = np.array([0, 4095, 4096, last - 4096, last - 1, last, (1 << 24) - 1, (1 << 24) - 4097])
     rows = SparseRows(np.arange(indices.size + 1), indices, np.ones((indices.size, 3), np.float32), last + 1)
     packed = pack(rows, (1, indices.size), source)
     assert (packed.index is not None) == wide
-    # Each source pixel holds its own coordinates, so that a wrong texel cannot go unnoticed.
+    # Each source pixel holds its own coordinates, so a wrong texel shows.
     picture = np.zeros((*source, 4), np.float32)
     picture[..., 0], picture[..., 1] = np.arange(source[1]), np.arange(source[0])[:, None]
     textures = MapTextures(gl_context, packed)
@@ -142,7 +142,7 @@ def test_every_view_equals_its_twin(
 
 
 def test_the_corrected_drive_follows_the_equation(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """Thesis eq. 5.1, with the dense matrices written out, of what each pixel can have: an EXR frame is c as it is."""
+    """Thesis eq. 5.1 with dense matrices, limited to what each pixel can show. An EXR frame is c unchanged."""
     room = random_room(rng, far=False)
     radiance = rng.uniform(0, 1, (*CAMERA, 3)).astype(np.float32)
     T_pinv = dense(room.maps.correction)
@@ -179,7 +179,7 @@ def test_every_pixel_format_equals_its_twin(
 
 
 def test_stored_codes_become_the_light_that_the_standards_say(gl_context: moderngl.Context) -> None:
-    """Black, white, grey and the primaries, so that both backends cannot be wrong together."""
+    """Black, white, grey and the primaries have known light, so a common error of both backends would show."""
     codes = np.array([[[0, 0, 0], [255, 255, 255], [188, 188, 188]], [[255, 0, 0], [0, 255, 0], [0, 0, 255]]], np.uint8)
     light = np.where(codes == 188, ((188 / 255 + 0.055) / 1.055) ** 2.4, codes / 255)  # IEC 61966-2-1
     rng = np.random.default_rng(5)
@@ -216,7 +216,8 @@ def test_encoding_equals_its_twin(
     expected = encoding.encode(light, table, 1.0, dither, 77, bits=bits).astype(int)
     assert expected.max() == highest
     assert np.abs(result - expected).max() <= CODE_ATOL
-    assert np.mean(result != expected) < 0.01 * (bits - 7)  # tips are rare: a threshold within 1e-6 of the code
+    # rounding differs rarely: for a threshold within 1e-6 of the code
+    assert np.mean(result != expected) < 0.01 * (bits - 7)
 
 
 @pytest.mark.parametrize("dither", DITHERS)
@@ -231,7 +232,7 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
         with both(gl_context, in_strips(alone, each), frame) as (gl, twin):
             for renderer in (gl, twin):
                 renderer.render("projector", compensate=True, frame=7)
-            assert np.mean(gl.encoded() != twin.encoded()) < 0.01  # tips, as above
+            assert np.mean(gl.encoded() != twin.encoded()) < 0.01  # rounding, as above
             shown[name] = gl.encoded()
     with both(gl_context, alone, frame) as (gl, _):
         gl.render("projector", compensate=True, frame=7)
@@ -251,7 +252,7 @@ def test_projectors_in_two_rows_are_encoded_as_the_twin_does(
     for resource in (encoder, light):
         resource.release()
     expected = ReferenceDevice().encoder((10, 13), in_two_rows(), 1.0, "ordered").run(drive, 5)
-    assert np.mean(result != expected) < 0.01  # tips, as above
+    assert np.mean(result != expected) < 0.01  # rounding, as above
 
 
 @pytest.mark.parametrize("dither", ["ordered", "noise"])
@@ -261,13 +262,13 @@ def test_dithering_keeps_the_mean_and_the_ends(dither: str) -> None:
         assert np.all(encoding.encode(np.full((8, 8, 3), value), table, 1.0, dither) == round(255 * value))
     flat = encoding.encode(np.full((64, 64, 3), 100.3 / 255), table, 1.0, dither)
     assert set(np.unique(flat)) == {100, 101}
-    # ordered: 64 steps of 1/64; noise: 12288 independent draws, four standard deviations of √(0.21/12288).
+    # Ordered: 64 steps of 1/64. Noise: 12288 independent draws, four standard deviations of √(0.21/12288).
     assert flat.mean() == pytest.approx(100.3, abs=1 / 64 + 0.017)
 
 
 def test_a_resampled_constant_stays_constant_and_letterboxes_are_black(rng: np.random.Generator) -> None:
     placed = reference.resample(np.full((40, 30, 3), 0.7), (20, 50), (17, 0, 15, 20))
-    np.testing.assert_allclose(placed[:, 17:32], 0.7, atol=1e-12)  # weights are normalised
+    np.testing.assert_allclose(placed[:, 17:32], 0.7, atol=1e-12)  # weights sum to 1
     assert placed[:, :17].max() == placed[:, 32:].max() == 0
 
 
@@ -311,7 +312,7 @@ def test_a_shader_error_names_file_and_line(gl_context: moderngl.Context, monkey
 
 
 def dense(packed: RowMap) -> np.ndarray:
-    """(3, rows, columns) of a row map, entry by entry from its textures."""
+    """Return (3, rows, columns) of a row map, entry by entry from its textures."""
     columns = packed.source_shape[0] * packed.source_shape[1]
     matrix = np.zeros((3, packed.lookup.shape[0] * packed.lookup.shape[1], columns))
     for row, (x, y, length) in enumerate(packed.lookup.reshape(-1, 3).astype(int)):

@@ -1,4 +1,4 @@
-"""Products and refined drives by words of 4 bytes against their twins, on both paths."""
+"""Products and refined drives from words of 4 bytes against CPU functions, on both paths."""
 
 from collections.abc import Iterator
 
@@ -69,20 +69,20 @@ def test_a_product_equals_its_twin(
     source: tuple[int, int],
     longest: int,
 ) -> None:
-    """Rows of 0 to `longest` entries, of which jumps may be longer than a step; 300 share a row among lanes."""
+    """Rows have 0 to `longest` entries, some with jumps longer than a step. With 300, lanes share a row."""
     small = random_small(rng, output, source, longest=longest, trusted=True)
     picture = rng.uniform(-1, 1, (*source, 3)).astype(np.float32)
     base = rng.uniform(-1, 1, (*output, 3)).astype(np.float32)
     result = multiply(gl_context, small, path, picture, base, combine)
     expected = combined(small, picture, base, combine)
-    if combine == "WEIGHED_RESIDUAL":  # a trust of 0 is said by no word: the transpose has no such entries
+    if combine == "WEIGHED_RESIDUAL":  # no word states a trust of 0, so the transpose has no such entries
         result, expected = (light[small.trust.reshape(output) > 0] for light in (result, expected))  # type: ignore[union-attr]
     np.testing.assert_allclose(result, expected, atol=ATOL)
 
 
 @pytest.mark.parametrize("path", STORES)
 def test_no_row_reads_another_pixel(gl_context: moderngl.Context, rng: np.random.Generator, path: str) -> None:
-    """The source is infinite wherever no row reads, and there are rows that read nothing."""
+    """The source is infinite in all unread pixels, and some rows read nothing."""
     small = random_small(rng, (10, 15), (20, 30), longest=3)
     picture = np.full((600, 3), np.inf, np.float32)
     picture[small.indices] = 0.5
@@ -95,7 +95,7 @@ def test_no_row_reads_another_pixel(gl_context: moderngl.Context, rng: np.random
 
 
 def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> Iterator[Renderer]:
-    """The room by words, and its twin with the same numbers in entries of 16 bytes; both after `steps`."""
+    """Yield the room rendered from words, then from equal 16-byte entries on the CPU, both after `steps` steps."""
     twin = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
     frame = radiance_frame(np.random.default_rng(5).choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
     for renderer in (GlRenderer(context, room, PATHS[path]), CpuRenderer(twin)):
@@ -128,7 +128,7 @@ def test_refined_drives_equal_their_twin(
 def test_the_camera_s_view_is_within_the_bound(
     gl_context: moderngl.Context, rng: np.random.Generator, path: str
 ) -> None:
-    """Of the same drive, by words and by the room's own maps."""
+    """The same drive is shown from words and from the room's own maps."""
     room = with_words(physical_room(rng).room)
     frame = radiance_frame(rng.uniform(0, 1, (*CAMERA, 3)).astype(np.float32))
     seen = []

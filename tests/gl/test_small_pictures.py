@@ -1,4 +1,4 @@
-"""Small pictures of what has been rendered: on the GPU as by the twins, and as the views that they are of."""
+"""Small copies of rendered pictures: the GPU agrees with the CPU functions, and the copies with their views."""
 
 import moderngl
 import numpy as np
@@ -38,7 +38,7 @@ def test_blocks_are_averaged_in_linear_light(gl_context: moderngl.Context, rng: 
 def test_what_is_shown_and_what_the_camera_sees_of_it(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str, compensate: bool
 ) -> None:
-    """A small room's pictures are as large as they are; only their codes differ from those of the views."""
+    """Pictures of a small room keep their size. Only their codes differ from the views' codes."""
     room = random_room(rng, far=True)
     frame = rgb_frame(rng.integers(0, 256, (9, 14, 3)).astype(np.uint8))
     with both(gl_context, room, frame) as renderers:

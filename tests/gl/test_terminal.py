@@ -1,4 +1,4 @@
-"""What a terminal is told: lines, a status line that gives way to them, bars that keep their length."""
+"""Terminal output: lines, a status line that makes room for them, bars of constant length."""
 
 import os
 import pty
@@ -12,13 +12,13 @@ from tests.programs import PATIENCE_S, ROOT, on, verb
 
 
 def terminal(command: Sequence[object], columns: int = 80, **variables: str) -> bytes:
-    """All that a program writes to a terminal on stderr."""
+    """Return everything that a program writes to a terminal on stderr."""
     ours, theirs = pty.openpty()
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": str(columns), **variables}
     process = subprocess.Popen(list(map(str, command)), stderr=theirs, stdout=subprocess.DEVNULL, env=environment)
     os.close(theirs)
     seen = b""
-    with suppress(OSError):  # when the other side has ended
+    with suppress(OSError):  # the other side has closed
         while part := os.read(ours, 4096):
             seen += part
     os.close(ours)
@@ -43,4 +43,4 @@ def test_a_player_says_where_it_is(xvfb: str, small_room: Path, folder: Path) ->
     seen = terminal(command, **on(xvfb)).decode()
     lines = [line for line in seen.split("\r\x1b[K") if "fps" in line]
     assert any(line.startswith("0:00:0") and " %)" in line for line in lines), seen
-    assert seen.endswith("\r\x1b[K")  # which leaves nothing behind
+    assert seen.endswith("\r\x1b[K")  # the last update clears the line

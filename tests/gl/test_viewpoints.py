@@ -1,4 +1,4 @@
-"""Views of a room on the GPU against numpy: drives between views, in every view, and what moving leaves behind."""
+"""Views of a room on the GPU against numpy: drives between views, in each view, and objects left after moving."""
 
 import moderngl
 import numpy as np
@@ -42,7 +42,7 @@ def test_drives_between_views_equal_numpys(gl_context: moderngl.Context, far: bo
 
 
 def test_moving_makes_nothing_new(gl_context: moderngl.Context) -> None:
-    """60 steps of a viewer a second for a year: after the first one between views no object is made."""
+    """60 steps per second for a year: after the first step between views, no GL object is created."""
     with both(gl_context, as_set(two_views()), letters()) as (renderer, _):
         names = []
         for x in np.linspace(0.1, 0.9, 20):
@@ -51,4 +51,4 @@ def test_moving_makes_nothing_new(gl_context: moderngl.Context) -> None:
             probe = gl_context.texture((1, 1), 1)
             names.append(probe.glo)
             probe.release()
-        np.testing.assert_array_equal(np.diff(names[1:]), 1)  # names that were given: to the probes alone
+        np.testing.assert_array_equal(np.diff(names[1:]), 1)  # consecutive names: only the probes got new names

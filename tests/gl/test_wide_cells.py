@@ -1,4 +1,4 @@
-"""Far light whose cells gather more pixels than a texture is wide: in parts, with the same result."""
+"""Far light whose cells gather more pixels than a texture row holds, computed in parts with the same result."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def test_cells_in_parts_give_what_whole_ones_give(
             for steps, view in ((0, "projector"), (8, "projector"), (8, "camera")):
                 for renderer in (gl, cpu):
                     renderer.render(view, compensate=True, steps=steps)
-                if path != "words":  # which its twin takes from entries
+                if path != "words":  # words have the same numbers in entries on the CPU
                     np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
                 drives.append(gl.linear())
     for expected, found in zip(drives[:3], drives[3:], strict=True):

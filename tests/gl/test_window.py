@@ -1,4 +1,4 @@
-"""The player in real windows: GLFW under Xvfb, full screen on a monitor of Xorg's, keys pressed, the screen read."""
+"""The player in real windows: GLFW under Xvfb, full screen on a monitor of Xorg, keys pressed, the screen read."""
 
 import json
 import os
@@ -33,7 +33,7 @@ from tests.programs import PATIENCE_S, command, descendants, fail, on, succeed, 
 from tests.rooms import write_blurred_room, write_one_to_one_room
 from tests.screens import one_screen
 
-WINDOW = (0, 0, 50, 37)  # left, top, width, height, of the room's projector on a bare X server
+WINDOW = (0, 0, 50, 37)  # left, top, width, height of the projector's window on a bare X server
 SECOND_MONITOR = (1280, 0, 1024, 768)
 
 
@@ -47,7 +47,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def large_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A projector of the second monitor's size, pixel for pixel in front of the camera; nothing needs refinement."""
+    """Return a room with the second monitor's size, whose camera sees pixel for pixel; refinement is unnecessary."""
     folder = tmp_path_factory.mktemp("window") / "large"
     write_one_to_one_room(folder, (SECOND_MONITOR[3], SECOND_MONITOR[2]))
     succeed("build", folder, "--regularize", "0.01", "--no-refine")
@@ -74,7 +74,7 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
             wait_until(
                 lambda: np.array_equal(screen(two_monitors, SECOND_MONITOR), expected), "the picture appears", process
             )
-            assert screen(two_monitors, (0, 0, 1280, 720)).max() == 0  # nothing on the other monitor
+            assert screen(two_monitors, (0, 0, 1280, 720)).max() == 0  # the other monitor stays black
             press(two_monitors, "g")
             wait_until(
                 lambda: screen(two_monitors, (0, 0, 1280, 720)).max() > 200, "its name on the other one", process
@@ -84,7 +84,7 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
 
 
 def test_a_screen_of_ten_bits_gets_codes_of_ten_bits(large_room: Path, tmp_path: Path) -> None:
-    """A ramp from OpenEXR, in steps finer than 8 bits, read from the X server in codes of 10."""
+    """A ramp from OpenEXR has finer steps than 8 bits. The X server returns codes of 10 bits."""
     shape = SECOND_MONITOR[3], SECOND_MONITOR[2]
     ramp = np.broadcast_to(np.linspace(0, 0.4, shape[1], dtype=np.float32)[:, None], (*shape, 3))
     exr.write_rgb(tmp_path / "ramp.exr", ramp)
@@ -97,7 +97,7 @@ def test_a_screen_of_ten_bits_gets_codes_of_ten_bits(large_room: Path, tmp_path:
 
         def exact() -> bool:
             wrong = np.abs(fine_screen(display, box) - expected)
-            return bool(wrong.max() <= 1 and np.mean(wrong > 0) < 1e-4)  # tips: a threshold within 1e-6 of the code
+            return bool(wrong.max() <= 1 and np.mean(wrong > 0) < 1e-4)  # rounding: a threshold within 1e-6 of the code
 
         with playing(display, large_room, tmp_path / "ramp.exr", "--dither", "none") as process:
             wait_until(exact, "the ramp", process)
@@ -121,7 +121,7 @@ def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room:
 
 @pytest.mark.parametrize("how", [ON_A_GPU, ON_THE_PROCESSOR], ids=["gpu", "processor"])
 def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, how: tuple[str, str]) -> None:
-    """c, v, b, i, s and q, pressed for real; the window stands at the upper left of a bare X server."""
+    """c, v, b, i, s and q are really pressed. The window is at the upper left of a bare X server."""
     corrected = expected_picture(room, picture, tmp_path, how=how)
     plain = expected_picture(room, picture, tmp_path, "--no-compensation", how=how)
     assert np.abs(corrected - plain).max() > 20
@@ -151,7 +151,7 @@ def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, 
 def test_a_window_without_a_gpu_is_drawn_by_the_processor(
     xvfb: str, room: Path, picture: Path, tmp_path: Path, gl_context: moderngl.Context
 ) -> None:
-    """Unless a path is asked for; a view of another size has a picture of its own."""
+    """The processor draws unless a path is requested. A view of another size has its own picture."""
     stats, software = tmp_path / "stats.json", in_software(gl_context.info["GL_RENDERER"])
     drawn, short = {}, ("--stats", stats, "--image-display-duration", "0.1")
     for words in ((), ("--view", "camera"), ("--path", "compute"), ("--backend", "gl")):
@@ -167,7 +167,7 @@ def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Pa
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
-    chosen = numbers["gpu_path"]  # both were measured, on OpenGL 4.3, and words on the faster
+    chosen = numbers["gpu_path"]  # both paths were measured, on OpenGL 4.3, and words on the faster path
     measured = {key: value for key, value in chosen.items() if key.endswith("_ms")}
     assert {"fragment_ms", "compute_ms"} < measured.keys()
     assert chosen[f"{chosen['name']}_ms"] == min(measured.values()) > 0
@@ -179,9 +179,9 @@ def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path
             if kill:
                 (decoder,) = descendants(process.pid)
                 os.kill(decoder, signal.SIGSEGV)
-            before = screen(xvfb, WINDOW)  # the first time, what the last test has left on the screen
+            before = screen(xvfb, WINDOW)  # at first, the last test's picture
             wait_until(lambda b=before: not np.array_equal(screen(xvfb, WINDOW), b), "the film goes on", process)
-            time.sleep(0.5)  # what was decoded before the crash has been shown
+            time.sleep(0.5)  # frames decoded before the crash have been shown
         press(xvfb, "q")
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
@@ -218,7 +218,7 @@ def test_a_damaged_map_does_not_replace_the_one_that_plays(
 ) -> None:
     folder, stats = tmp_path / "wall", tmp_path / "stats.json"
     shutil.copytree(room, folder)
-    steps = "--refine", "4", "--refine-from", "map"  # by default these are the maps' to say
+    steps = "--refine", "4", "--refine-from", "map"  # by default, the maps decide
     corrected = expected_picture(folder, picture, tmp_path, *steps)
     with playing(xvfb, folder, picture, "--osd", "off", "--stats", stats, *steps) as process:
 
