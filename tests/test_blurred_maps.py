@@ -104,7 +104,7 @@ def test_a_frame_is_the_steps_of_the_dense_transport(rng: np.random.Generator, f
 def test_what_full_drive_gives_without_far_light_is_near_and_blurred(rng: np.random.Generator) -> None:
     T, made = built(rng, far=True)
     renderer = ReferenceRenderer(Room(made.calibration, made.maps, made.maps.white))
-    most = renderer._eye.views.most[..., :3].reshape(-1, 3)
+    most = renderer._main_view.views.most[..., :3].reshape(-1, 3)
     np.testing.assert_allclose(most, written_out(T.without_far).sum(axis=2).T, atol=FLOAT32)
 
 

@@ -44,7 +44,7 @@ def test_a_show_that_still_reads_its_room_is_asked_again(monkeypatch: pytest.Mon
     show, talk = asyncio.run(body())
     assert list(talk.commands) == ["command-list"]
     assert list(talk.properties) == ["property-info"]
-    assert show.from_options == [["get_property", "command-list"]] * 3 + [["get_property", "property-info"]]
+    assert show.asked == [["get_property", "command-list"]] * 3 + [["get_property", "property-info"]]
 
 
 def test_a_show_that_goes_leaves_nobody_waiting() -> None:
@@ -53,7 +53,7 @@ def test_a_show_that_goes_leaves_nobody_waiting() -> None:
         talk = Link(show.theirs)
         tasks = [asyncio.create_task(each.run()) for each in (show, talk)]
         asking = [asyncio.create_task(talk.ask("get_property", name)) for name in ("pause", "view")]
-        while len(show.from_options) < 2:
+        while len(show.asked) < 2:
             await asyncio.sleep(0.01)
         show.writer.close()
         first, second = await asyncio.gather(*asking)

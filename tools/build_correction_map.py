@@ -89,6 +89,7 @@ def _print_rates(built: "BuiltRoom") -> None:
     from counterlight.pipeline.room import Room, start_of
     from counterlight.tools.frame_rate import frames_per_second
 
+    sys.stdout.flush()  # the renderer's lines do not pass through Python's buffer
     found, maps = built.recommendation, built.maps
     steps = [0] if found is None else [found.steps, *([found.clean_steps] if found.clean_steps < found.steps else [])]
     rates = frames_per_second(Room(built.calibration, maps, maps.white, start=start_of(maps)), steps)

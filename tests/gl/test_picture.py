@@ -232,7 +232,7 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
         gl.adjust(Adjustments())
         gl.render("projector", compensate=True, frame=7)
         found, codes, desired = gl.linear().tobytes(), gl.encoded().tobytes(), gl.desired().tobytes()
-        limits = np.frombuffer(gl._eye.views.full.read(), np.float32).reshape(*CAMERA, 4)
+        limits = np.frombuffer(gl._main_view.views.full.read(), np.float32).reshape(*CAMERA, 4)
     original = shaders.read_source
     bare = original("planes_to_linear.frag").replace(" + lift;", ";").replace("uniform float lift;", "")
     assert "lift" not in bare

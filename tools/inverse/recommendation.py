@@ -50,6 +50,8 @@ class Recommendation:
     @property
     def clean_steps(self) -> int:
         """The fewest steps for a clean picture; play reduces steps to this number on a slow machine."""
+        if self.start not in self.below_optimum:
+            return self.steps
         return min(Curve(MEASURED, self.below_optimum[self.start]).clean_steps, self.steps)
 
     def to_toml(self) -> dict[str, Any]:
