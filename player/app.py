@@ -110,9 +110,10 @@ def _check_outputs(options: argparse.Namespace) -> None:
     inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
     inputs += [] if options.lut is None else [options.lut]
     if options.output is not None:
-        from counterlight.show import into_file  # imports PyAV, which a window does not need
+        from counterlight.show.into_file import coding_of  # imports PyAV, which a window does not need
+        from counterlight.show.output import check_output
 
-        into_file.check(options, inputs)
+        check_output(options.output, inputs=inputs, coding=coding_of(options))
     if options.stats is not None:
         check_file(options.stats, inputs=inputs)
     if heartbeat is not None:

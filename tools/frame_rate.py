@@ -6,8 +6,9 @@ from statistics import median
 
 import numpy as np
 
-from counterlight.media.frames import radiance_frame
+from counterlight.media.frames import Frame, radiance_frame
 from counterlight.memory import available_bytes
+from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.show.headless import headless_renderer
 
@@ -23,14 +24,15 @@ def frames_per_second(room: Room, steps: Sequence[int]) -> list[float]:
     frame = radiance_frame(grey)
     with headless_renderer("auto", room) as renderer:
         renderer.open(frame.format)
-
-        def seconds(count: int) -> float:
-            start = time.perf_counter()
-            renderer.upload(frame)
-            renderer.render("projector", compensate=True, steps=count)
-            renderer.finish()
-            return time.perf_counter() - start
-
         for count in steps:  # the first frame loads and compiles what later frames reuse
-            seconds(count)
-        return [1 / median(seconds(count) for _ in range(TIMED_FRAMES)) for count in steps]
+            draw_seconds(renderer, frame, count)
+        return [1 / median(draw_seconds(renderer, frame, count) for _ in range(TIMED_FRAMES)) for count in steps]
+
+
+def draw_seconds(renderer: Renderer, frame: Frame, steps: int) -> float:
+    """Returns the seconds from a decoded frame to the projector picture."""
+    start = time.perf_counter()
+    renderer.upload(frame)
+    renderer.render("projector", compensate=True, steps=steps)
+    renderer.finish()
+    return time.perf_counter() - start

@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
@@ -20,6 +19,7 @@ from counterlight.pipeline.room import Room, read_room
 from counterlight.show.headless import FRAME_TIMEOUT_S, headless_renderer
 from counterlight.show.output import write_picture
 from counterlight.tools import build_correction_map, simulate_transport
+from counterlight.tools.frame_rate import draw_seconds
 from counterlight.tools.shipped import CLIP, parse_scene
 from counterlight.writing.replacing import replacing_file
 
@@ -108,12 +108,8 @@ def frame_ms(room: Room, backend: str) -> float:
     with headless_renderer(backend, room) as renderer, MediaReader.open(CLIP) as reader:
         renderer.open(reader.info.format)
         while len(took) < TIMED_FRAMES and (frame := reader.next_frame(FRAME_TIMEOUT_S)) is not None:
-            start = time.perf_counter()
-            renderer.upload(frame)
+            took.append(1000 * draw_seconds(renderer, frame, room.default_steps))
             reader.release(frame)
-            renderer.render("projector", compensate=True, steps=room.default_steps)
-            renderer.finish()
-            took.append(1000 * (time.perf_counter() - start))
     return median(took)
 
 

@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.room import Room
 from counterlight.show.from_options import governor_of
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
-from counterlight.show.output import Coding, check_output, is_film, is_video
+from counterlight.show.output import Coding, is_film, is_video
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.stats import Stats
@@ -207,8 +207,3 @@ def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
     if "fps" in options.given and not options.media[0].is_sequence:
         unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")
     return unused
-
-
-def check(options: argparse.Namespace, inputs: Sequence[Path]) -> None:
-    """Raise InputError for an output that is unwritable or would overwrite an input."""
-    check_output(options.output, inputs=inputs, coding=coding_of(options))

@@ -53,13 +53,18 @@ class Pace:
         self._begin(self.group(time_s), at_s)
         return changed
 
+    @property
+    def shown_s(self) -> float:
+        """Seconds from one shown frame to the next shown frame, in the medium."""
+        return self.every * self.interval_s
+
     def group(self, time_s: float) -> int:
         """Return the number of the group that a frame belongs to."""
-        return math.floor(time_s / (self.every * self.interval_s) + 1e-3)
+        return math.floor(time_s / self.shown_s + 1e-3)
 
     def next_s(self, time_s: float) -> float:
         """Return the time in the medium at which the next group begins."""
-        return (self.group(time_s) + 1) * self.every * self.interval_s
+        return (self.group(time_s) + 1) * self.shown_s
 
     def _chosen(self, groups_per_frame: float, may_slow: bool) -> int:
         if self._gaps >= GAPS and groups_per_frame > 1 + MISSED:

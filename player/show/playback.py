@@ -60,8 +60,7 @@ class Playback:
         begins_s: float | None = None,
         pace: Pace | None = None,
     ) -> None:
-        self.pace = pace
-        self.reader, self.loop, self.hold_s = reader, loop, hold_s
+        self.reader, self.pace, self.loop, self.hold_s = reader, pace, loop, hold_s
         self.dropped = 0
         self.stalled_s = 0.0
         self.a_s: float | None = None

@@ -377,7 +377,7 @@ class Session:
         if self.placing is not None and self.adjustments.corners is None:
             self.placing.refit(self.room.fit(reader.info.format))
         pace = self.playback.pace
-        self.governor.begin(None if pace is None else pace.every * pace.interval_s)
+        self.governor.begin(None if pace is None else pace.shown_s)
         self.appraisal.forget()
         self._lateness = None if rate is None else Lateness(self.stats, rate, self.clock())
         self.stats.interrupted()
@@ -520,12 +520,12 @@ class Session:
         if pace is None:
             return
         if pace.shown(frame.time_s, self.clock(), drawn_s, may_slow=self.governor.is_at_least):
-            self.governor.slow_to(pace.every * pace.interval_s)
+            self.governor.slow_to(pace.shown_s)
 
     def _every(self, rate: float) -> int:
         """Return n for a new medium, so that showing every n-th frame keeps about the present rate."""
         pace = None if self.playback is None else self.playback.pace
-        return 1 if pace is None else max(round(pace.every * pace.interval_s * rate), 1)
+        return 1 if pace is None else max(round(pace.shown_s * rate), 1)
 
     def _render(self) -> None:
         timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
