@@ -81,7 +81,7 @@ def started(
     folder: Path | None = None,
     errors: int | None = subprocess.PIPE,
 ) -> Iterator[subprocess.Popen[str]]:
-    """Start a verb as a copy of the warm interpreter (warm_start.py); start any other program anew."""
+    """Start a verb as a copy of the warm interpreter (warm_start.py); start any other program in a new process."""
     variables = os.environ | environment
     process: Any
     if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):

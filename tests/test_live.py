@@ -90,7 +90,7 @@ def test_the_newest_picture_counts_for_whoever_is_busy() -> None:
 
 
 def test_an_old_picture_waits_for_the_newest() -> None:
-    """A reader that nobody polls for a second fills its slots with old pictures. None of them is shown."""
+    """A reader without a poll for a second fills its slots with old pictures. None of them is shown."""
     with MediaReader.open(f"lavfi:{COUNTING}") as reader:
         playback = Playback(reader, time.monotonic)
 

@@ -233,7 +233,7 @@ def test_a_budget_fills_the_frame_and_keeps_it(base_s: float, step_s: float) -> 
 
 def test_a_budget_gives_what_is_usual_where_there_is_time_and_never_more() -> None:
     budget, counts = StepBudget(0.04, most=8), []
-    for base_s in [0.0] * 20 + [0.02] * 20 + [0.0] * 200:  # other load comes and goes
+    for base_s in [0.0] * 20 + [0.02] * 20 + [0.0] * 200:  # other load appears and ends
         budget.took(base_s + 0.003 * budget.steps)
         counts.append(budget.steps)
     assert set(counts[:20]) == {8}

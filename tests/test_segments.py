@@ -92,7 +92,7 @@ def shown(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def test_numbered_pictures_are_the_same_with_an_offset_laps_and_a_limit(
     furnished: Path, tmp_path: Path, suffix: str
 ) -> None:
-    """The run goes from the fifth frame to the second lap, and includes the dither, which counts frames."""
+    """The run lasts from the fifth frame to the second lap, and includes the dither, which counts frames."""
     words = "--start", "0.2", "--loop", "--frames", "26", "--dither", "noise"
     for name, more in (("one", ()), ("many", ("--segments", "2"))):
         (tmp_path / name).mkdir()

@@ -210,7 +210,7 @@ def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_have_nowhe
 
 
 def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path: Path, manager: socket.socket) -> None:
-    """Nobody reads stderr, whose pipe is full, and half of the list fails. Then the reader closes the pipe."""
+    """Stderr has no reader, its pipe is full, and half of the list fails. Then the reader closes the pipe."""
     (tmp_path / "broken.mkv").write_bytes(b"no video" * 100)
     clip = tmp_path / "clip.mkv"
     write_video(clip, [numbered(n) for n in range(3)])

@@ -93,7 +93,7 @@ class GlSums:
             self._run()
 
     def estimate(self) -> NDArray[np.float32]:
-        """Return the radiance, (height, width, channels), or −bound where unknown (0: only black); then start anew."""
+        """Return the radiance, (height, width, channels), or −bound where unknown (0: only black); then restart."""
         if self._waiting:
             self._run()
         latest, _ = self._sums[1 - self._passes % 2]

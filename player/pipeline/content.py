@@ -12,7 +12,7 @@ over the lit pixels inside the mask and the channels. C may be at most x percent
 search first finds the smallest o with Σ [−n]₊ within half of this budget at s = 1 − o. It then finds the largest s with
 C within the budget, or else the s with the smallest C. Both sums are convex in the searched variable, so linear
 interpolation between two candidates never exceeds the budget. The sums ignore that pixels share near light. From frame
-to frame, s and o approach the found values with a time constant of SMOOTHING_S. They start anew at a cut.
+to frame, s and o approach the found values with a time constant of SMOOTHING_S. They restart at a cut.
 """
 
 import numpy as np
@@ -56,7 +56,7 @@ class Succession:
     """Tracks which earlier frame a frame continues, independently of how often the frame is drawn.
 
     lasting : whether a frame may continue an older frame if the previous frame was not drawn.
-    fresh : whether the frame starts anew.
+    fresh : whether the frame restarts.
     elapsed_s : seconds since the frame that it continues.
     """
 
@@ -77,7 +77,7 @@ class Succession:
         self._drawn = True
 
     def restart(self) -> None:
-        """Start the current frame anew, without any earlier result."""
+        """Restart with the current frame, without any earlier result."""
         self.fresh = True
 
 

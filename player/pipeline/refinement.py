@@ -11,7 +11,7 @@ a step of s = 1/(d + the prior's bound) never overshoots:
 
 β is Nesterov's momentum; γ is the over-relaxation of the optimised gradient method (Kim and Fessler 2016). Both follow
 a fixed schedule, so that no step waits for a sum over the picture. The momentum continues from frame to frame: p starts
-from the previous change, and y keeps its distance to p. After a cut, both start anew.
+from the previous change, and y keeps its distance to p. After a cut, both restart.
 """
 
 from collections.abc import Mapping

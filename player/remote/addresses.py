@@ -2,7 +2,7 @@
 
 A foreign page in a browser can reach every address that the browser's machine can reach: by a form, a WebSocket, or a
 name that its owner redirects after loading (DNS rebinding). Therefore a request must name this machine by an IP address
-or one of its own names, and a WebSocket must come from this page.
+or another name of it, and a WebSocket must come from this page.
 """
 
 import argparse

@@ -32,7 +32,7 @@ class Remote(Protocol):
 
 
 class Clients:
-    """The connected clients, and the medium that they were last told about."""
+    """The connected clients, and the medium that was last announced to them."""
 
     def __init__(self) -> None:
         self._clients: list[Client] = []

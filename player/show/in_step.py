@@ -39,7 +39,7 @@ def cue_of(session: Session) -> Cue:
 
 
 class Follower:
-    """Follows the leader's item, pause, speed and time. While the leader is silent, the show goes on alone."""
+    """Follows the leader's item, pause, speed and time. While the leader is silent, the show continues alone."""
 
     def __init__(self, session: Session, listener: Listener) -> None:
         self._session, self._listener = session, listener
@@ -75,10 +75,10 @@ class Follower:
         if in_touch != self._in_touch:
             self._in_touch = in_touch
             self._session.notice("in touch with the leader" if in_touch else "the leader is silent; going on alone")
-        told: dict[str, Any] = {"role": "follow", "in_touch": in_touch}
+        state: dict[str, Any] = {"role": "follow", "in_touch": in_touch}
         if heard is not None:
-            told["round_trip_ms"] = round(1000 * heard.round_trip_s, 3)
-        self._session.stats.facts["in_step"] = self._session.stats.facts.get("in_step", {}) | told
+            state["round_trip_ms"] = round(1000 * heard.round_trip_s, 3)
+        self._session.stats.facts["in_step"] = self._session.stats.facts.get("in_step", {}) | state
 
     def _plays(self, cue: Cue) -> bool:
         """Whether this show plays the leader's item. Selects the item if the difference lasts."""

@@ -51,7 +51,8 @@ class Session:
     appraised : whether every picture is compared with the optimum, and not only on request or for a promise.
     lasting : whether the show continues whatever happens to its media.
     image_display_duration : seconds that a still is shown; None for no limit.
-    unattended : whether nobody operates the show. Notices then appear over the picture only if `osd` asks for them.
+    unattended : whether the show runs without an operator. Notices then appear over the picture only if `osd` asks for
+        them.
     silence : why there is no audio output, reported when a medium has sound; None if the user wants no sound.
     clock : seconds, monotonic.
     """

@@ -1,7 +1,7 @@
 """Twenty clients of the control socket at once, each with random commands, half lines, floods and sudden ends.
 
 The show plays files and a live stream that loses one packet in fifty. The show must continue with a heartbeat every
-second, JSON answers and bounded memory. It reports no fault of its own on stderr, and leaves nothing behind.
+second, JSON answers and bounded memory. It reports no fault on stderr, and leaves nothing behind.
 """
 
 import json

@@ -51,7 +51,7 @@ def test_the_gpu_sums_as_the_cpu_does(
     """A picture of (61, 90, 3) fills a row of texels and begins a second row."""
     estimator = estimator_of(method, levels, shape[2])
     with GlSums(gl_context, estimator.table, shape, estimator.exponential, SLACK) as sums:
-        for count in (2, BATCH, BATCH + 1):  # the same object starts anew
+        for count in (2, BATCH, BATCH + 1):  # the same object restarts
             times = 10 ** rng.uniform(-4, 1, count)
             codes = codes_with_ends(rng, (count, *shape), levels)
             codes[:, 0, 0] = levels - 1  # a bound that must carry over from batch to batch

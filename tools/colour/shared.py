@@ -31,7 +31,7 @@ def colour_matrices(
 ) -> tuple[FloatArray | None, ...]:
     """Return D of each projector, (3, 3) ≥ 0 with rows of sum 1; None if the shared primaries are its own.
 
-    Returns None for all if some projector's primaries cannot be told apart: colour is then ignored (tiers.py).
+    Returns None for all if some projector's primaries cannot be distinguished: colour is then ignored (tiers.py).
 
     primaries : (3, camera height, camera width, 3) each. Light above ambient.
     masks : where each projector lights the scene.

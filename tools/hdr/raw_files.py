@@ -1,7 +1,7 @@
 """Read camera RAW through rawpy (LibRaw; the optional extra `raw`): the sensor's linear light without processing.
 
-LibRaw's white balance, colour matrix, brightening and curve are not applied, because it would choose them anew for each
-picture. There is no demosaicing either: see mosaic.py. The file gives the black and white levels.
+LibRaw's white balance, colour matrix, brightening and curve are not applied, because LibRaw would choose them again
+for each picture. There is no demosaicing either: see mosaic.py. The file gives the black and white levels.
 """
 
 import io

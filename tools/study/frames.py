@@ -34,7 +34,7 @@ def in_software() -> bool:
 @contextmanager
 def player(backend: str, room: Room) -> Iterator["Player"]:
     """Open the player's renderer, "gl" or "cpu", without a window."""
-    graphics()  # Makes a context of its own, before the renderer makes its context.
+    graphics()  # makes a separate context before the renderer makes one
     with headless_renderer(backend, room) as renderer:
         yield Player(renderer, room.maps.mixing)
 

@@ -45,8 +45,8 @@ def lit_pixels(
     affects it.
 
     - 5 % of the bright pixels excludes stray light and the dimmer far light outside the projector's beam. Brighter far
-      light (a white room) cannot be told from direct light by its level. If the near part of T is known, pass its
-      composition and 1 %, which keeps dark paint and ink (3 to 5 % of white paper).
+      light (a white room) cannot be distinguished from direct light by its level. If the near part of T is known, pass
+      its composition and 1 %, which keeps dark paint and ink (3 to 5 % of white paper).
     - 2 % of ambient is the flicker of a lamp, or the noise of a camera whose noise was not measured; a smaller rise is
       no measurement.
 

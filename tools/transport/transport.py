@@ -77,7 +77,7 @@ class Transport:
 
     T acts on linear floating-point light: `T @ p`, `T.T @ c`. Light is (pixels, 3) or, if T knows its pictures' sizes,
     a picture (height, width, 3). Other shapes raise InputError; so do integers, which may be code values. A square
-    picture cannot be told from its transpose.
+    picture cannot be distinguished from its transpose.
 
     near : (camera pixels, projector pixels), float32. Radiance per unit drive, ≥ 0.
     camera, projector : (height, width); None if unknown.

@@ -96,7 +96,7 @@ def end_child(child: subprocess.Popen[bytes], afterwards: Callable[[], None], pa
 
 
 def all_ended(patience_s: float = 2 * LAST_WORDS_S) -> None:
-    """Wait for all children that were told to end. Give up on processes that the kernel blocks."""
+    """Wait for all children that were asked to end. Give up on processes that the kernel blocks."""
     until = time.monotonic() + patience_s
     for thread in list(_ending):
         thread.join(max(until - time.monotonic(), 0.0))

@@ -24,7 +24,7 @@ from counterlight.media.decoding.mailbox import Events, Mailbox
 
 
 def main() -> None:
-    """Open the medium, then follow commands until the process is told to quit."""
+    """Open the medium, then follow commands until the order to quit."""
     events = Events(private_stdout())
     arguments = json.loads(sys.stdin.buffer.readline())
     mailbox = Mailbox(sys.stdin.buffer)

@@ -91,7 +91,7 @@ class FolderCamera:
     def begin(self, check: str) -> int:
         """Reserve the folder for a check of a room, by its id; returns the number of its first capture.
 
-        Without --wait, an unfinished check of the same id is resumed. Otherwise the check starts anew, and its old
+        Without --wait, an unfinished check of the same id is resumed. Otherwise the check restarts, and its old
         files are removed. Raises InputError if the folder holds an acquisition's captures.
         """
         path, seen = self._folder / ACQUISITION, self._folder / "captures"
