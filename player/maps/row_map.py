@@ -145,7 +145,7 @@ def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:
     return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, bands[0].columns)
 
 
-def beside_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
+def next_to_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
     """Join the columns of two matrices: each row has its entries of `left`, then of `right`."""
     indptr, pair = left.indptr + right.indptr, (left, right)
     before = right.indptr[:-1], left.indptr[1:]

@@ -15,7 +15,7 @@ import numpy as np
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.blurring import choice
-from counterlight.tools.blurring.pruning import in_cells
+from counterlight.tools.blurring.pruning import Pyramid, in_cells
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.simulation import camera_side
@@ -26,7 +26,6 @@ from counterlight.tools.simulation.paths import Rays
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import _Simulation
 from counterlight.tools.study.pictures import find_pictures
-from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 

@@ -8,8 +8,7 @@ import numpy as np
 from counterlight import memory
 from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.blurring.choice import chosen_limit
-from counterlight.tools.blurring.pruning import in_cells
-from counterlight.tools.transport.blurred import Pyramid
+from counterlight.tools.blurring.pruning import Pyramid, in_cells
 from counterlight.tools.transport.transport import Transport
 
 LONG, MANY = 64, 1 << 24  # entries per camera pixel and in total; below either, T is played unchanged

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.row_map import SparseRows, below_each_other
-from counterlight.tools.blurring.pruning import COARSEST, in_cells
+from counterlight.tools.blurring.pruning import COARSEST, Pyramid, in_cells
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
-from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 

@@ -19,7 +19,7 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.factoring import passes
 from counterlight.tools.factoring.grid import Grid
-from counterlight.tools.transport.transport import Csr, FarLight, Shape, Transport, channel
+from counterlight.tools.transport.transport import Csr, Dense, FarLight, Shape, Transport, channel
 
 ROUNDS = 3
 RIDGE = 1e-6  # ε relative to the mean diagonal; nodes without far light stay 0
@@ -60,7 +60,7 @@ class Model:
         cells = max(self.M.shape[:2])  # one number for both sides: the cells added have no light
         mix = np.zeros((3, cells, cells))
         mix[:, : self.M.shape[0], : self.M.shape[1]] = self.M.transpose(2, 0, 1)
-        return FarLight(self.projector.rows(self.G, cells).transposed, mix, self.camera.rows(self.F, cells))
+        return FarLight(self.projector.rows(self.G, cells).transposed, Dense(mix), self.camera.rows(self.F, cells))
 
 
 @dataclass(frozen=True)
@@ -124,10 +124,10 @@ def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatA
     far = rows.transport.far
     if far is not None:
         camera = model.camera.corners, model.camera.weights, model.camera.count
-        AU = passes.onto_nodes(*passes.operands(far.scatter), far.cells, model.F, *camera).sum(axis=0)
+        AU = passes.onto_nodes(*passes.operands(far.scatter), far.scatter.columns, model.F, *camera).sum(axis=0)
         for i in range(3):
             B = model.projector.textured(model.G[:, i])
-            mixed[..., i] += AU[..., i] @ far.mix[i] @ (channel(far.gather, i) @ B).toarray()
+            mixed[..., i] += AU[..., i] @ far.mix.matrices[i] @ (channel(far.gather, i) @ B).toarray()
     return mixed, F + rows.known[0], G + rows.known[1]
 
 

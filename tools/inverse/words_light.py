@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
-from counterlight.maps.row_map import RowMap, SparseRows, bands, beside_each_other, in_blocks, rows_between, unpack
+from counterlight.maps.room_maps import MapChain, RefinementMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, SparseRows, bands, in_blocks, next_to_each_other, rows_between, unpack
 from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap
 from counterlight.tools.inverse.words_fit import Fit, fit, scale_of
 
@@ -75,8 +75,8 @@ class _Far:
     mixed: FloatArray
 
     @classmethod
-    def of(cls, maps: FarMaps) -> "_Far":
-        gather, mix = (ascending(unpack(part)) for part in (maps.gather, maps.mix))
+    def of(cls, maps: MapChain) -> "_Far":
+        gather, mix = (ascending(unpack(part)) for part in maps.factors[:2])
         gathered = magnitude(gather).sums()
         mix = mix.where(np.asarray((gathered > 0).any(axis=1))[mix.indices])
         return cls(gather, mix, gathered, magnitude(mix).apply(gathered))
@@ -144,7 +144,7 @@ def _maps(
     slack = share * float((allowed / np.maximum(seen.light, allowed)).min())
     mixes = fit(far.mix, far.gathered, np.maximum(slack * far.mixed, LEAST))
     gathers = fit(far.gather, np.ones((far.gather.columns, 3)), np.maximum(slack * far.gathered, LEAST))
-    cells, mixed = maps.far.gather.output_shape, maps.far.mix.output_shape
+    cells, mixed = (factor.output_shape for factor in maps.far.factors[:2])
     mix, gather = small_map((mixed, cells), far.mix, mixes), small_map((cells, projector), far.gather, gathers)
     behind = mixes.change + magnitude(mix.unpacked()).apply(gathers.change)
     for first, last in seen.bands:
@@ -168,7 +168,7 @@ def _seen_light(seen: _Seen, allowed: FloatArray, trust: NDArray[np.int16]) -> t
     change, scale = np.zeros_like(allowed), seen.scale
     for first, last in seen.bands:
         rows = seen.rows(first, last)
-        joint = reduce(beside_each_other, rows)
+        joint = reduce(next_to_each_other, rows)
         both = fit(joint, seen.reach, allowed[first:last], scale)
         change[first:last] = both.change
         ends = np.cumsum([each.columns for each in rows])

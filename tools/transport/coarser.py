@@ -102,17 +102,11 @@ class Blocks:
 def coarser(transport: Transport, camera: Blocks, projector: Blocks) -> Transport:
     """Return A T E: A computes means of camera pixels, E the pixels that a coarse projector pixel lights."""
     far = transport.far
-    return Transport(
-        _between(camera, transport.near, projector),
-        far
-        and replace(
-            far,
-            gather=stacked([Csr(D @ projector.sums.T) for D in channels(far.gather)]),
-            scatter=stacked([Csr(camera.means @ U) for U in channels(far.scatter)]),
-        ),
-        camera.coarse,
-        projector.coarse,
-    )
+    if far is not None:
+        gather = stacked([Csr(D @ projector.sums.T) for D in channels(far.gather)])
+        scatter = stacked([Csr(camera.means @ U) for U in channels(far.scatter)])
+        far = replace(far, gather=gather, scatter=scatter)
+    return Transport(_between(camera, transport.near, projector), far, camera.coarse, projector.coarse)
 
 
 def _between(camera: Blocks, near: SparseRows, projector: Blocks) -> SparseRows:

@@ -224,17 +224,7 @@ class _Placing:
         each = np.stack([placed.gain for placed in sorted(self._placed, key=lambda placed: placed.number)])
         screen = Screen(shape, self._cameras, positions.reshape(*raster, 2).astype(np.float32), each)
         calibration = brightened(self._calibration, gains)
-        return SharedRoom(replace(calibration, screen=screen), scaled(self._transport, gains), tuple(self._placed))
-
-
-def scaled(transport: Transport, gains: FloatArray) -> Transport:
-    """Multiply each camera pixel's light by its gain, (camera pixels, 3)."""
-    far = transport.far
-    return replace(
-        transport,
-        near=transport.near.scaled(gains),
-        far=None if far is None else replace(far, scatter=far.scatter.scaled(gains)),
-    )
+        return SharedRoom(replace(calibration, screen=screen), self._transport.scaled(gains), tuple(self._placed))
 
 
 def brightened(calibration: Calibration, gains: FloatArray) -> Calibration:
