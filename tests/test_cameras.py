@@ -13,13 +13,13 @@ from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.screen import FILE, Screen
+from counterlight.tools.joining.cameras import CameraOptions, joined_cameras, same_projectors
+from counterlight.tools.joining.shared_screen import SharedRoom
 from counterlight.tools.simulation.room import simulated_room
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras, same_projectors
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shared_screen import SharedRoom
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Dense, FarLight, Transport, channel, stacked

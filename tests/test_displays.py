@@ -19,7 +19,7 @@ from counterlight.show.from_options import monitors_of, room_of
 from counterlight.show.options import read_options
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
-from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves

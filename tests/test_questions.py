@@ -12,6 +12,8 @@ from counterlight import calibration
 from counterlight.tools.acquire_transport import _choose_scheme as choose_scheme
 from counterlight.tools.acquire_transport import _parser as acquire_parser
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.joining.cameras import CameraOptions, joined_cameras
+from counterlight.tools.joining.projectors import joined
 from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Answer, cheapest, sentence
@@ -21,8 +23,6 @@ from counterlight.tools.study.questions.place import MOST_PIXELS, Place, coarse,
 from counterlight.tools.study.results import Row
 from counterlight.tools.transport import coarser as coarser_devices
 from counterlight.tools.transport.coarser import Blocks
-from counterlight.tools.transport.joining import joined
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.objective import DEFAULT_AIMS
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport

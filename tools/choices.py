@@ -1,7 +1,7 @@
 """The names that options take, without their meaning, so that help and completion need no library."""
 
 COLOURS = ("auto", "independent", "global", "pixel")  # tools/colour/tiers.py
-SCREENS = ("camera", "projector")  # tools/transport/shared_screen.py
+SCREENS = ("camera", "projector")  # tools/joining/shared_screen.py
 OUTSIDE = ("black", "continue")  # tools/transport/objective.py
 INVERSE_METHODS = ("auto", "clustered", "windowed")  # tools/inverse/method.py
 INVERSES = ("auto", "whole", "cut", "none", "thesis")  # tools/inverse/near_light.py

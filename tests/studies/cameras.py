@@ -24,13 +24,13 @@ from counterlight.show.headless import headless_renderer
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
 from counterlight.tools.inverse.near_light import InverseOptions
+from counterlight.tools.joining.cameras import CameraOptions, joined_cameras
+from counterlight.tools.joining.shared_screen import brightened
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.solve.box import Box
 from counterlight.tools.study.pictures import BUILT_IN
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shared_screen import brightened
 from counterlight.tools.transport.transport import Transport
 from tests.camera_rooms import looks_at
 from tests.joint_rooms import lit_by

@@ -16,8 +16,8 @@ from counterlight.errors import InputError
 from counterlight.pipeline.views_together import check_views
 from counterlight.screen import Screen
 from counterlight.tools.factoring.factoring import factored
-from counterlight.tools.transport.joining_cameras import CameraOptions, check_projectors, joined_cameras
-from counterlight.tools.transport.shared_screen import Placed, brightened
+from counterlight.tools.joining.cameras import CameraOptions, check_projectors, joined_cameras
+from counterlight.tools.joining.shared_screen import Placed, brightened
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from counterlight.viewpoints import Places, folders_of, is_set, write_places
