@@ -12,8 +12,7 @@ from scipy import sparse
 from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.tools.blurring import blurring
-from counterlight.tools.blurring.blurring import Blurring
-from counterlight.tools.blurring.choice import chosen_limit
+from counterlight.tools.blurring.blurring import Blurring, chosen_limit
 from counterlight.tools.blurring.pruning import LEVELS, Pyramid, in_cells
 from counterlight.tools.import_transport import main as import_transport
 from counterlight.tools.inverse.direct import lit_most

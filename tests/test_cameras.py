@@ -20,9 +20,9 @@ from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Dense, FarLight, Transport, channel, stacked
+from counterlight.tools.transport.trust import shares
 from tests.camera_rooms import (
     FIRST,
     LEFT,

@@ -16,10 +16,8 @@ from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 from counterlight.tools.factoring import factoring, passes
 from counterlight.tools.factoring.factoring import LIMITS, factored
-from counterlight.tools.factoring.grid import Grid
 from counterlight.tools.factoring.losses import asked, compensated, measured
-from counterlight.tools.factoring.model import Model, Rows, fitted
-from counterlight.tools.factoring.near import split
+from counterlight.tools.factoring.model import Grid, Model, Rows, fitted, split
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.mask import directly_lit

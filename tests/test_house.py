@@ -27,7 +27,7 @@ TIMEOUT_S = 120.0  # a command's imports on a busy machine
 COMPILED = tuple(
     f"counterlight.{name}"
     for name in (
-        *("maps.products", "maps.unpacking", "maps.word_runs", "pipeline.compiled", "pipeline.cpu_renderer"),
+        *("maps.products", "maps.word_runs", "pipeline.compiled", "pipeline.cpu_renderer"),
         *("pipeline.squares", "pipeline.survey", "gl.computed"),
     )
 )

@@ -16,4 +16,4 @@ STUDIED_PICTURES = ("photograph", "text", "gradient", "white", "dark-film", "fil
 USUAL_PICTURES = STUDIED_PICTURES[:5]
 MOST_LAG = 20  # frames, tools/acquisition/cameras/simulated.py
 TOLERANCE, MOST_TOLERANCE = 0.1, 10.0  # dB, tools/factoring/factoring.py
-BLUR_TOLERANCE = 0.2  # dB, tools/blurring/choice.py
+BLUR_TOLERANCE = 0.2  # dB, tools/blurring/blurring.py

@@ -236,7 +236,7 @@ def pack(
 
 def unpack(packed: RowMap) -> SparseRows:
     """Return the matrix that `pack` received, without zero entries."""
-    from counterlight.maps.unpacking import unpack_entries  # imports Numba, which takes half a second
+    from counterlight.maps.products import unpack_entries  # imports Numba, which takes half a second
 
     indptr, (height, width) = _indptr(packed), packed.source_shape
     rows = SparseRows(indptr, np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32), height * width)

@@ -17,8 +17,7 @@ from counterlight.tools.blurring.blurring import Blurring, in_blocks
 from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 from counterlight.tools.factoring import passes
 from counterlight.tools.factoring.losses import asked, compensated, each_picture, measured
-from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted
-from counterlight.tools.factoring.near import split
+from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted, split
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import FarLight, Transport
 

@@ -27,7 +27,7 @@ from counterlight.tools.inverse.pictures import pictures_of
 from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendation, recommended
 from counterlight.tools.inverse.refinement_maps import pack_chain, refinement_maps
 from counterlight.tools.inverse.super_blocks import Elsewhere
-from counterlight.tools.inverse.words import words_of
+from counterlight.tools.inverse.words_light import words_of
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport

@@ -14,7 +14,7 @@ import numpy as np
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.acquisition.few.seen import Seen, Table
-from counterlight.tools.factoring.grid import Grid
+from counterlight.tools.factoring.model import Grid
 from counterlight.tools.transport.transport import Csr, Dense, FarLight, Shape, stacked
 
 CELLS = 48  # approximate number of cells of the projector

@@ -15,8 +15,7 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.acquisition.schemes.agreement import parts_of
 from counterlight.tools.acquisition.schemes.blocks import with_readable_far
 from counterlight.tools.factoring.factoring import grids_over, has_too_many_pixels
-from counterlight.tools.factoring.model import PEAK, Rows, fitted
-from counterlight.tools.factoring.near import split
+from counterlight.tools.factoring.model import PEAK, Rows, fitted, split
 from counterlight.tools.inverse.pictures import soft_picture
 from counterlight.tools.transport.transport import FarLight, Shape, Transport
 
