@@ -22,7 +22,7 @@ from counterlight.response import Response
 from counterlight.screen import parts_of, raster_of
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import factored
-from counterlight.tools.hdr.response_table import NODES
+from counterlight.tools.hdr.camera_response import NODES
 from counterlight.tools.joining.projectors import block_diagonal, equal, with_monitors
 from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
