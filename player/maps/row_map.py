@@ -401,7 +401,7 @@ def read_texture(
             raise InputError(f"{file.name}: its channels are not {np.dtype(dtype).name}; {fix}")
         look(rows)
 
-    return exr.read_beside(file, names, accept, of_the_type, MOST_TEXELS)
+    return exr.read_stacked(file, names, accept, of_the_type, MOST_TEXELS)
 
 
 def size_of(shape: tuple[int, int]) -> list[int]:

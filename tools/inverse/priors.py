@@ -27,10 +27,10 @@ def prior_matrices(prior: Prior, labels: IntArray) -> tuple[Csr, ...]:
     found = []
     for i in range(len(CHANNELS)):
         ties = np.concatenate([prior.right[:, :-1, i].ravel(), prior.down[:-1, :, i].ravel()]).astype(np.float64)[kept]
-        beside = Csr((-ties, (first, second)), shape=(pixel.size, pixel.size))
-        beside = Csr(beside + beside.T)
-        diagonal = prior.damping[..., i].ravel() - beside.sum(axis=1)
-        matrix = Csr(beside + sparse.diags_array(diagonal))
+        couplings = Csr((-ties, (first, second)), shape=(pixel.size, pixel.size))
+        couplings = Csr(couplings + couplings.T)
+        diagonal = prior.damping[..., i].ravel() - couplings.sum(axis=1)
+        matrix = Csr(couplings + sparse.diags_array(diagonal))
         matrix.eliminate_zeros()
         found.append(matrix)
     return tuple(found)
