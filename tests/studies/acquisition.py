@@ -203,7 +203,7 @@ def _square(terms: Sequence[tuple[int, Transport]], i: int) -> float:
     near = sparse.csr_array(sum(sign * channel(T.near, i).astype(np.float64) for sign, T in terms))
     fars = [(sign, T.far) for sign, T in terms if T.far is not None]
     gather = [channel(far.gather, i) for _, far in fars]
-    send = [sign * sparse.csr_array(far.mix[i]) for sign, far in fars]
+    send = [sign * sparse.csr_array(far.mix.matrices[i]) for sign, far in fars]
     total = float(np.sum(near.data**2))
     for first in range(0, near.shape[0], STRIP):
         rows = slice(first, first + STRIP)
