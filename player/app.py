@@ -20,6 +20,7 @@ from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.show.beside import checks_of, in_step_of, lamps_of
+from counterlight.show.command_line import read_options
 from counterlight.show.compiling import compile_passes
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.from_options import (
@@ -31,7 +32,7 @@ from counterlight.show.from_options import (
     room_of,
 )
 from counterlight.show.media import Media
-from counterlight.show.options import read_options
+from counterlight.show.options import OPTIONS, WITHOUT_COMPENSATION
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
@@ -42,8 +43,6 @@ from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
-
-OF_FILES = "segments", "cluster", "codec", "pix-fmt", "crf"
 
 if TYPE_CHECKING:
     from counterlight.gl.displays import Displays
@@ -66,6 +65,7 @@ def _main(argv: Sequence[str] | None) -> int | None:
             safe=options.safe,
             monitors=_monitors_of_room(options),
             fullscreen=options.fullscreen,
+            plain_options=WITHOUT_COMPENSATION,
             notify_socket=os.environ.get("NOTIFY_SOCKET"),
             schedule=schedule,
         )
@@ -190,9 +190,9 @@ def play_in_window(
 
 
 def _check_window(options: argparse.Namespace) -> None:
-    for name in OF_FILES:
-        value = getattr(options, name.replace("-", "_"))
-        if value is not None:
+    for name, row in OPTIONS.items():
+        if row.needs == "output" and name in options.given:
+            value = getattr(options, name.replace("-", "_"))
             raise InputError(f"--{name} {value}: is for --output; leave it out, or add --output FILE")
     if options.follow is not None and not options.supervised:
         try:

@@ -15,8 +15,8 @@ from counterlight.files import exr
 from counterlight.pipeline.content import psnr
 from counterlight.raster import Region, side_by_side
 from counterlight.response import Response
+from counterlight.show.command_line import read_options
 from counterlight.show.from_options import monitors_of, room_of
-from counterlight.show.options import read_options
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
 from counterlight.tools.transport.joining import join_transports

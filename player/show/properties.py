@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from counterlight.pipeline.parameters import FLAG
-from counterlight.pipeline.value_types import Anything, Number
+from counterlight.pipeline.value_types import FLAG, Anything, Number
 from counterlight.show.look import look_properties
 from counterlight.show.playback import Playback
 from counterlight.show.refining import refining

@@ -58,8 +58,9 @@ class Rendering:
     adjustments: Adjustments
 
     def room(self) -> Room:
-        start, words = self.start if self.steps else None, "words" in self.path
-        return read_room(self.calibration, self.white, self.dither, self.steps, start, words=words)
+        start, refinement = self.start if self.steps else None, self.steps > 0
+        words = "words" in self.path
+        return read_room(self.calibration, self.white, self.dither, start, refinement=refinement, words=words)
 
     @contextmanager
     def opened(self) -> Iterator[MediaReader]:

@@ -9,9 +9,9 @@ from counterlight.errors import InputError, nearest, shown
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import LONGEST_TEXT
 from counterlight.show.keys import check_bindings
+from counterlight.show.options import OPTIONS
 from counterlight.show.registry import CommandError
 
-NOT_SETTINGS = ("help", "help-all", "config", "list-monitors", "output", "supervised")
 KEYS_TABLE = "keys"
 
 
@@ -42,7 +42,7 @@ def apply_settings(parser: argparse.ArgumentParser, path: Path) -> dict[str, str
     table = read_toml(path, "correct it, or start with --no-config")
     bindings = _bindings(table.pop(KEYS_TABLE, {}), path)
     options = {_name(action): action for action in parser._actions if action.option_strings}
-    known = {name: action for name, action in options.items() if name not in NOT_SETTINGS}
+    known = {name: options[name] for name, row in OPTIONS.items() if row.setting}
     for name, value in table.items():
         if name not in known:
             raise InputError(f"{path}: no setting {shown(name)}{nearest(name, [*known, KEYS_TABLE])}")
