@@ -25,10 +25,12 @@ from counterlight.show.compiling import compile_passes
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.from_options import (
     adjustments_of,
+    backend_of,
     check_of,
     governor_of,
     image_display_duration,
     monitors_of,
+    path_of,
     room_of,
 )
 from counterlight.show.media import Media
@@ -237,9 +239,9 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
     """Return the factory of renderers: OpenGL on a GPU, on request, or for 10-bit codes; otherwise the processor."""
     from counterlight.gl.context import in_software
 
-    chosen = options.backend
+    chosen = backend_of(options)
     if chosen == "auto":
-        drawn = options.path is not None or window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
+        drawn = window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
         chosen = "gl" if drawn else "cpu"
     if chosen == "cpu":
         with _without_blas():
@@ -249,7 +251,7 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
         return partial(ComputedRenderer, window.context)
     from counterlight.gl.renderer import GlRenderer
 
-    return lambda room: GlRenderer(window.context, room, options.path or "auto", window.bits)
+    return lambda room: GlRenderer(window.context, room, path_of(options), window.bits)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from dataclasses import fields
 from counterlight.errors import InputError
 from counterlight.files.cube import read_cube
 from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.governor import Governor, Steps
 from counterlight.show.options import LISTED_IMAGE_S
@@ -28,10 +29,11 @@ def monitors_of(options: argparse.Namespace) -> list[str]:
 def room_of(options: argparse.Namespace) -> Room:
     """Read the room from its calibration folder. Raises InputError if the folder or the options are contradictory."""
     white = None if options.white == "auto" else options.white
-    if options.backend == "cpu" and options.path is not None:
-        raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
-    path = options.path or ("auto" if options.output is None else "fragment")
-    words = path in ("auto", "words", "compute-words")
+    for name in ("shader", "entries"):
+        if options.backend == "cpu" and name in options.given:
+            value = getattr(options, name)
+            raise InputError(f"--{name} {value}: --backend cpu has no GPU to use it; leave one of them out")
+    words = path_of(options).entries != "16"
     steps, start = steps_of(options), options.refine_from
     room = read_room(options.calibration, white, options.dither, start, refinement=steps != 0, words=words)
     if (steps or start) and any(view.maps.refinement is None for view in room.views):
@@ -40,6 +42,18 @@ def room_of(options: argparse.Namespace) -> Room:
             f"counterlight build {options.calibration}, or leave out --refine, --refine-from, --budget and --within"
         )
     return room
+
+
+def path_of(options: argparse.Namespace) -> GpuPath:
+    """Return how a GPU multiplies. By default, a window takes what is fastest, and a file what repeats."""
+    usual = GpuPath("auto", "auto") if options.output is None else EVERYWHERE
+    return GpuPath(options.shader or usual.shader, options.entries or usual.entries)
+
+
+def backend_of(options: argparse.Namespace) -> str:
+    """Return the backend, which is OpenGL if an option asks for its shaders."""
+    chosen: str = options.backend
+    return "gl" if chosen == "auto" and options.given & {"shader", "entries"} else chosen
 
 
 def steps_of(options: argparse.Namespace) -> Steps | None:

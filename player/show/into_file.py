@@ -17,7 +17,7 @@ from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.room import Room
-from counterlight.show.from_options import governor_of, steps_of
+from counterlight.show.from_options import backend_of, governor_of, path_of, steps_of
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
 from counterlight.show.options import OPTIONS
 from counterlight.show.output import Coding, is_film, is_video
@@ -68,7 +68,7 @@ def _check_medium(options: argparse.Namespace, info: MediaInfo) -> None:
 
 
 def _rendered(options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments) -> Stats:
-    backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
+    backend = backend_of(options)
     if (options.segments or options.cluster) and is_film(options.output) and not reader.info.still:
         rendering, backend = _render_segments, chosen_backend(backend)
     else:
@@ -99,7 +99,7 @@ def _render_whole(
     backend: str,
     sound: Path | None,
 ) -> Stats:
-    with headless_renderer(backend, room, options.path or "fragment") as renderer:
+    with headless_renderer(backend, room, path_of(options)) as renderer:
         renderer.open(reader.info.format)
         renderer.adjust(adjustments)
         return render_to_file(
@@ -148,7 +148,7 @@ def _render_segments(
         start_s=options.start,
         frames=options.frames,
         backend=backend,
-        path=options.path or "fragment",
+        path=path_of(options),
         view=options.view,
         compensate=options.compensation,
         adjustments=adjustments,

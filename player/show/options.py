@@ -16,7 +16,7 @@ from typing import Any
 from counterlight.calibration import RADIANCE
 from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
 from counterlight.pipeline.adjustments import KINDS, NEUTRAL
-from counterlight.pipeline.device import BACKENDS, PATHS
+from counterlight.pipeline.device import BACKENDS, ENTRIES, SHADERS
 from counterlight.pipeline.refinement import MOST_STEPS, STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.value_types import FLAG, MANY, Anything, Choice, Kind, Number
@@ -444,15 +444,20 @@ GROUPS: dict[str, dict[str, Option]] = {
     },
     "drawing and settings": {
         "backend": Option(
-            "draw with OpenGL (gl) or on the processor (cpu); auto: gl with a GPU or --path, otherwise cpu",
+            "draw with OpenGL (gl) or on the processor (cpu); auto: gl with a GPU, --shader or --entries, else cpu",
             Choice(BACKENDS),
             "auto",
         ),
-        "path": Option(
-            "choose the GPU's shaders: fragment or compute; with words, entries take 4 bytes instead of 16. auto: the "
-            "fastest, measured at startup",
-            Choice(PATHS),
-            stated="auto in a window with a GPU, otherwise fragment",
+        "shader": Option(
+            "multiply with the maps by these shaders of the GPU; auto: the faster, measured at startup",
+            Choice(SHADERS),
+            stated="auto in a window, otherwise fragment",
+        ),
+        "entries": Option(
+            "use maps of 16 bytes per entry, or T and its transpose in words of 4 bytes; auto: the faster, measured at "
+            "startup",
+            Choice(ENTRIES),
+            stated="auto in a window, otherwise 16",
         ),
         "dither": Option(
             "hide the steps between code values by a pattern, by noise, or not at all", Choice(DITHERS), "ordered"
