@@ -10,13 +10,12 @@ from counterlight.media.frames import MediaInfo, radiance_frame
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.value_types import Choice, Flag, Number
-from counterlight.show.command_line import read_options
+from counterlight.show.command_line import _default_path, read_options
 from counterlight.show.from_options import adjustments_of, image_display_duration, monitors_of
 from counterlight.show.into_file import ignored
 from counterlight.show.keys import KEYS
 from counterlight.show.options import OPTIONS, Option
 from counterlight.show.playlist import Playlist, expand
-from counterlight.show.settings import default_path
 
 
 @pytest.fixture
@@ -129,8 +128,8 @@ def test_a_file_ignores_what_is_for_a_window() -> None:
 
 
 def test_where_settings_are_looked_for(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert default_path({"XDG_CONFIG_HOME": "/x"}, Path("/home/a")) == Path("/x/counterlight/player.toml")
-    assert default_path({}, Path("/home/a")) == Path("/home/a/.config/counterlight/player.toml")
+    assert _default_path({"XDG_CONFIG_HOME": "/x"}, Path("/home/a")) == Path("/x/counterlight/player.toml")
+    assert _default_path({}, Path("/home/a")) == Path("/home/a/.config/counterlight/player.toml")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert read_options(["room", "a"], "").refine is None  # no such file: no complaint
     (tmp_path / "counterlight").mkdir()

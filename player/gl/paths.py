@@ -8,8 +8,7 @@ import moderngl
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.gl.compute_pass import MapBuffers, WordBuffers, supports_compute
-from counterlight.gl.fragment_pass import MapTextures, WordTextures
+from counterlight.gl.gpu_maps import MapBuffers, MapTextures, WordBuffers, WordTextures, supports_compute
 from counterlight.gl.passes import float_texture
 from counterlight.maps.row_map import RowMap
 from counterlight.maps.small_map import WORD_BYTES

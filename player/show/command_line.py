@@ -1,25 +1,31 @@
-"""Reads the options of counterlight play (options.py) from the command line and the settings file."""
+"""Reads the options of counterlight play (options.py) from the command line and the settings file.
+
+The settings file is TOML with the options' names, and `[keys]` for key bindings. Given options override it.
+"""
 
 import argparse
 import os
 from argparse import SUPPRESS
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from counterlight.command import Arguments, Parser
-from counterlight.errors import InputError
+from counterlight.errors import InputError, nearest, shown
+from counterlight.files.reading import read_toml
+from counterlight.files.tables import LONGEST_TEXT
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.value_types import Choice, Flag, Kind, UnreadError
-from counterlight.show.keys import KEYS, MEANINGS
+from counterlight.show.keys import KEYS, MEANINGS, check_bindings
 from counterlight.show.options import GROUPS, OPTIONS, Option
 from counterlight.show.playlist import expand
-from counterlight.show.settings import Several, apply_settings, default_path
+from counterlight.show.registry import CommandError
 
 EXAMPLES = (
     "counterlight play room film.mp4 --fullscreen --loop",
     "counterlight play room film.mp4 --output for_projector.mp4",
 )
+KEYS_TABLE = "keys"
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
@@ -36,9 +42,9 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     config = parser.parse_known_intermixed_args(argv)[0]
     keys: dict[str, str] = {}
     if not config.no_config:
-        path = config.config or default_path(os.environ, Path.home())
+        path = config.config or _default_path(os.environ, Path.home())
         if config.config is not None or path.exists():
-            keys = apply_settings(parser, path)
+            keys = _apply_settings(parser, path)
     options = parser.parse_intermixed_args(argv)
     values = {name: name.replace("-", "_") for name in OPTIONS}
     options.given = {name for name, at in values.items() if getattr(options, at) != parser.get_default(at)}
@@ -107,3 +113,80 @@ def _keys() -> str:
     for key, command in KEYS.items():
         keys.setdefault(MEANINGS[command], []).append(key)
     return "\n".join(["keys:", *(f"  {', '.join(names):<21} {meaning}" for meaning, names in keys.items())])
+
+
+class Several(argparse.Action):
+    """Collects the values of a repeated option. The first value replaces the default, which settings may set."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        before = getattr(namespace, self.dest)
+        setattr(namespace, self.dest, [values] if before is self.default else [*before, values])
+
+
+def _default_path(environment: Mapping[str, str], home: Path) -> Path:
+    """Return the path of the settings file by the XDG Base Directory Specification."""
+    return Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "counterlight" / "player.toml"
+
+
+def _apply_settings(parser: argparse.ArgumentParser, path: Path) -> dict[str, str]:
+    """Make a file's settings the defaults of a parser, and return its key bindings.
+
+    Raises InputError for an unknown name, with the nearest known name, and for a value that its option refuses.
+    """
+    table = read_toml(path, "correct it, or start with --no-config")
+    bindings = _bindings(table.pop(KEYS_TABLE, {}), path)
+    options = {_name(action): action for action in parser._actions if action.option_strings}
+    known = {name: options[name] for name, row in OPTIONS.items() if row.setting}
+    for name, value in table.items():
+        if name not in known:
+            raise InputError(f"{path}: no setting {shown(name)}{nearest(name, [*known, KEYS_TABLE])}")
+        action = known[name]
+        parser.set_defaults(**{action.dest: _value(action, value, f"{path}: {name}")})
+    return bindings
+
+
+def _name(action: argparse.Action) -> str:
+    return action.option_strings[0].removeprefix("--")
+
+
+def _value(action: argparse.Action, value: Any, where: str) -> Any:
+    """Convert a value as the command line would. A list stands for a repeated option."""
+    if isinstance(action, Several) and isinstance(value, list):
+        return [_single(action, item, where) for item in value]
+    return _single(action, value, where)
+
+
+def _single(action: argparse.Action, value: Any, where: str) -> Any:
+    if action.nargs == 0:  # a flag
+        if not isinstance(value, bool):
+            raise InputError(f"{where}: expected true or false, found {shown(value)}")
+        return value
+    text = str(value)
+    if isinstance(value, bool) or not isinstance(value, str | int | float) or not _is_one_line(text):
+        raise InputError(f"{where}: expected text or a number, found {shown(value)}")
+    try:
+        read: Any = action.type(text) if callable(action.type) else text
+    except argparse.ArgumentTypeError as error:
+        raise InputError(f"{where}: {error}") from None
+    if action.choices is not None and read not in action.choices:
+        raise InputError(f"{where}: expected {', '.join(map(str, action.choices))}, found {shown(value)}")
+    return read
+
+
+def _is_one_line(text: str) -> bool:
+    return len(text) <= LONGEST_TEXT and not any(ord(character) < 32 for character in text)
+
+
+def _bindings(table: Any, path: Path) -> dict[str, str]:
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: {KEYS_TABLE} is a table of keys and commands: [{KEYS_TABLE}]")
+    try:
+        return check_bindings(table)
+    except CommandError as error:
+        raise InputError(f"{path}: {error}") from None

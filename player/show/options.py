@@ -75,10 +75,9 @@ class Option:
         return f"default {'yes' if value is True else value if isinstance(value, str) else f'{value:g}'}"
 
 
-def _adjustment(name: str, text: str, **row: Any) -> Option:
+def _adjustment(field_name: str, text: str, **row: Any) -> Option:
     """Return the row of a field of Adjustments, which states its values and its default."""
-    attribute = name.replace("-", "_")
-    return Option(text, KINDS[attribute], getattr(NEUTRAL, attribute), **row)
+    return Option(text, KINDS[field_name], getattr(NEUTRAL, field_name), **row)
 
 
 def _add(name: str, step: int, lower: str, raise_: str) -> dict[str, tuple[str, str]]:
@@ -110,6 +109,7 @@ def _time_of_day(word: str) -> datetime:
         raise argparse.ArgumentTypeError(f"expected a time such as 20:00:00, found {word!r}") from None
 
 
+_Window, _Output = partial(Option, needs="window"), partial(Option, needs="output")
 LISTED_IMAGE_S = 5.0  # seconds that a picture in a list is shown by default
 KEEP_OPEN = Choice(("auto", "no", "yes", "always", "black"))
 OSD = Choice(("auto", "off", "on", "notices"))
@@ -118,31 +118,26 @@ COUNT = partial(Number, high=1e9, whole=True)
 GROUPS: dict[str, dict[str, Option]] = {
     "media": {
         "loop": Option("start again at the end", FLAG, False, common=True),
-        "image-display-duration": Option(
+        "image-display-duration": _Window(
             "show still pictures this long",
             Number(0.01, 1e6, words=("inf",), noun="seconds"),
             value="SECONDS|inf",
             unit="s",
             stated=f"inf, or {LISTED_IMAGE_S:g} in a list",
             common=True,
-            needs="window",
         ),
-        "fade": Option("fade from and to black", Number(0, 600), 0.0, "SECONDS", "s", common=True, needs="window"),
-        "crossfade": Option("fade between two media", Number(0, 600), 0.0, "SECONDS", "s", common=True, needs="window"),
-        "speed": Option("play at this multiple of the normal speed", Number(0.01, 100), 1.0, "FACTOR", needs="window"),
-        "keep-open": Option(
+        "fade": _Window("fade from and to black", Number(0, 600), 0.0, "SECONDS", "s", common=True),
+        "crossfade": _Window("fade between two media", Number(0, 600), 0.0, "SECONDS", "s", common=True),
+        "speed": _Window("play at this multiple of the normal speed", Number(0.01, 100), 1.0, "FACTOR"),
+        "keep-open": _Window(
             "choose what happens at the end of the list. no: the player ends. yes: it pauses on the last frame. "
             "always: it pauses after every medium. black: it shows black. auto: black in full screen, otherwise no",
             KEEP_OPEN,
             "auto",
-            needs="window",
         ),
         "start": Option("start at this time of the first medium", Number(0, 1e9, noun="seconds"), 0.0, "SECONDS"),
-        "playlist-start": Option(
-            "start with this medium of the list, counted from 0",
-            COUNT(0, noun="a position in the list"),
-            0,
-            needs="window",
+        "playlist-start": _Window(
+            "start with this medium of the list, counted from 0", COUNT(0, noun="a position in the list"), 0
         ),
         "frames": Option("stop after N frames", COUNT(1, noun="a number of frames"), stated="at the end"),
         "fps": Option(
@@ -151,12 +146,11 @@ GROUPS: dict[str, dict[str, Option]] = {
             value="RATE",
             stated="25",
         ),
-        "hwdec": Option(
+        "hwdec": _Window(
             f"decode films on a GPU: auto, {', '.join(TYPES)}; no: on the processor",
             Anything(parse=_device),
             PROCESSOR,
             "TYPE[:DEVICE]",
-            needs="window",
         ),
         "media-root": Option(
             "let lists and remotes name files below this folder; may be repeated",
@@ -183,7 +177,7 @@ GROUPS: dict[str, dict[str, Option]] = {
         "saturation": _adjustment(
             "saturation", "adjust the saturation", common=True, keys=_add("saturation", 1, "7", "8")
         ),
-        "black-level": _adjustment("black-level", "raise black to this share of white", value="SHARE"),
+        "black-level": _adjustment("black_level", "raise black to this share of white", value="SHARE"),
         "adapt": _adjustment(
             "adapt",
             "scale each frame so that at most this share of its light clips; 0: never",
@@ -199,24 +193,24 @@ GROUPS: dict[str, dict[str, Option]] = {
             keys={"x": ("cycle clipping", "colour what clips")},
         ),
         "target-peak": _adjustment(
-            "target-peak",
+            "target_peak",
             "set the HDR luminance that the room's white stands for; 203 is graphics white",
             value="NITS",
             unit="cd/m²",
         ),
         "hdr-peak": _adjustment(
-            "hdr-peak",
+            "hdr_peak",
             "set the highest luminance of an HDR medium; auto: as its metadata says, otherwise 1000",
             value="auto|NITS",
             unit="cd/m²",
         ),
         "tone-mapping": _adjustment(
-            "tone-mapping",
+            "tone_mapping",
             "choose how HDR highlights are reduced to white. bt.2390: smoothly. clip: by cutting them off",
         ),
         "lut": Option("apply a colour table to the media", PATH, value="FILE.cube", stated="none"),
         "lut-type": _adjustment(
-            "lut-type",
+            "lut_type",
             "state what the table of --lut returns. native: colours in the medium's own space. conversion: BT.709 "
             "colours with the curve of BT.1886",
         ),
@@ -277,62 +271,52 @@ GROUPS: dict[str, dict[str, Option]] = {
         ),
     },
     "window and sound": {
-        "fullscreen": Option(
+        "fullscreen": _Window(
             "fill the monitor",
             FLAG,
             False,
             common=True,
-            needs="window",
             keys={
                 "f": ("cycle fullscreen", "fill the monitor"),
                 "escape": ("set fullscreen no", "back to a window"),
                 "ctrl+double-click": ("cycle fullscreen", "fill the monitor"),
             },
         ),
-        "monitor": Option(
+        "monitor": _Window(
             "show on this monitor of --list-monitors; may be repeated",
             TEXT,
             value="NAME|N",
             stated="the calibration's, or the first",
             common=True,
-            needs="window",
             several=True,
         ),
         "list-monitors": Option("list the monitors and exit", FLAG, False, setting=False),
-        "any-size": Option("fill a monitor that does not have the projector's size", FLAG, False, needs="window"),
-        "vsync": Option("wait for the display's refresh", FLAG, True, needs="window"),
+        "any-size": _Window("fill a monitor that does not have the projector's size", FLAG, False),
+        "vsync": _Window("wait for the display's refresh", FLAG, True),
         "audio": Option("play the sound, or copy it into the file of --output", FLAG, True),
-        "volume": Option(
+        "volume": _Window(
             "set the volume of the sound",
             Number(0, 130),
             100.0,
             "PERCENT",
             common=True,
-            needs="window",
             keys=_add("volume", 2, "9", "0") | _add("volume", 2, "ctrl+wheel-down", "ctrl+wheel-up"),
         ),
-        "mute": Option("switch the sound off", FLAG, False, needs="window", keys={"m": ("cycle mute", "mute")}),
-        "blackout": Option("show black", FLAG, False, needs="window", keys={"b": ("cycle blackout", "black")}),
-        "osd": Option(
+        "mute": _Window("switch the sound off", FLAG, False, keys={"m": ("cycle mute", "mute")}),
+        "blackout": _Window("show black", FLAG, False, keys={"b": ("cycle blackout", "black")}),
+        "osd": _Window(
             "choose the text over the picture. on: changes by keys, and problems in a window. notices: problems "
             "always. off: none. auto: on in a window, off in full screen",
             OSD,
             "auto",
-            needs="window",
         ),
-        "screenshot-directory": Option(
-            "save the pictures of key s in this folder",
-            PATH,
-            Path(),
-            "DIR",
-            stated="the current folder",
-            needs="window",
+        "screenshot-directory": _Window(
+            "save the pictures of key s in this folder", PATH, Path(), "DIR", stated="the current folder"
         ),
-        "bits": Option(
+        "bits": _Window(
             "set the bits of a code value in a window; auto: as the monitors are set",
             Choice(("auto", "8", "10")),
             "auto",
-            needs="window",
         ),
     },
     "output to a file": {
@@ -343,65 +327,45 @@ GROUPS: dict[str, dict[str, Option]] = {
             common=True,
             setting=False,
         ),
-        "codec": Option(
-            "use this encoder of FFmpeg",
-            TEXT,
-            value="NAME",
-            stated="libx264; libvpx-vp9 in .webm, ffv1 in .mkv",
-            needs="output",
+        "codec": _Output(
+            "use this encoder of FFmpeg", TEXT, value="NAME", stated="libx264; libvpx-vp9 in .webm, ffv1 in .mkv"
         ),
-        "pix-fmt": Option(
+        "pix-fmt": _Output(
             "use this pixel format of FFmpeg, such as yuv444p",
             TEXT,
             value="NAME",
             stated="yuv420p; yuv444p for odd sizes, bgr0 for ffv1",
-            needs="output",
         ),
-        "crf": Option(
-            "set FFmpeg's quality; lower is better", Number(0, 63), stated="14, visually lossless", needs="output"
-        ),
-        "segments": Option(
+        "crf": _Output("set FFmpeg's quality; lower is better", Number(0, 63), stated="14, visually lossless"),
+        "segments": _Output(
             "render a film in N segments, each in its own process, and join them (docs/size.md)",
             Number(1, 999, whole=True, noun="a number of segments"),
             stated="1",
-            needs="output",
         ),
-        "lead-in": Option(
+        "lead-in": _Output(
             "also divide shots; each segment then starts this many frames early",
             Number(0, 1e6, whole=True, noun="a number of frames"),
             value="FRAMES",
             stated="divide at cuts only",
-            needs="output",
         ),
-        "cluster": Option(
+        "cluster": _Output(
             "render the segments on the dask scheduler at HOST:PORT, or in N local processes with local:N (extra "
             "cluster, docs/size.md)",
             TEXT,
             value="ADDRESS",
             stated="in this process",
-            needs="output",
         ),
     },
     "running a show": {
         "supervise": Option("restart the player whenever it crashes or hangs", FLAG, False, common=True),
         "supervised": Option("", FLAG, False, setting=False),  # given by the supervisor
-        "at": Option(
-            "start at this time of day; black until then",
-            Anything(parse=_time_of_day),
-            value="HH:MM:SS",
-            needs="window",
-        ),
-        "schedule": Option(
-            "play in the hours of this file; needs --supervise", PATH, value="FILE", common=True, needs="window"
-        ),
+        "at": _Window("start at this time of day; black until then", Anything(parse=_time_of_day), value="HH:MM:SS"),
+        "schedule": _Window("play in the hours of this file; needs --supervise", PATH, value="FILE", common=True),
         "safe": Option(
             "show this after too many crashes: black, or the media without compensation", Choice(SAFE), "black"
         ),
-        "heartbeat": Option(
-            "append a JSON line per second: frames, drops, memory, position (-: standard error)",
-            TEXT,
-            value="FILE|-",
-            needs="window",
+        "heartbeat": _Window(
+            "append a JSON line per second: frames, drops, memory, position (-: standard error)", TEXT, value="FILE|-"
         ),
         "check-every": Option(
             "check the room this often, between two media if possible, and correct what has moved",
@@ -413,33 +377,23 @@ GROUPS: dict[str, dict[str, Option]] = {
             TEXT,
             value="'OPTIONS'",
         ),
-        "remote": Option(
+        "remote": _Window(
             "serve a page for browsers",
             Anything(parse=partial(parse_address, port=PAGE_PORT)),
             value="HOST:PORT",
             stated=f"{LOOPBACK}:{PAGE_PORT}; 0.0.0.0: to the whole network",
             common=True,
-            needs="window",
             bare=Address(LOOPBACK, PAGE_PORT),
         ),
-        "osc": Option(
-            "accept Open Sound Control messages on this UDP port",
-            Anything(parse=parse_address),
-            value="[HOST:]PORT",
-            needs="window",
+        "osc": _Window(
+            "accept Open Sound Control messages on this UDP port", Anything(parse=parse_address), value="[HOST:]PORT"
         ),
-        "control": Option("accept JSON commands on this socket, as in mpv's IPC", PATH, value="SOCKET", needs="window"),
-        "lead": Option(
-            "send the time of the show to followers on this UDP port",
-            _address(host=""),
-            value="[HOST:]PORT",
-            needs="window",
+        "control": _Window("accept JSON commands on this socket, as in mpv's IPC", PATH, value="SOCKET"),
+        "lead": _Window(
+            "send the time of the show to followers on this UDP port", _address(host=""), value="[HOST:]PORT"
         ),
-        "follow": Option(
-            f"follow the leader on another machine (default port {PORT})",
-            _address(port=PORT),
-            value="HOST[:PORT]",
-            needs="window",
+        "follow": _Window(
+            f"follow the leader on another machine (default port {PORT})", _address(port=PORT), value="HOST[:PORT]"
         ),
     },
     "drawing and settings": {

@@ -13,9 +13,8 @@ import numpy as np
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
-from counterlight.gl.compute_pass import MapBuffers, WordBuffers, supports_compute
 from counterlight.gl.context import headless_context, in_software
-from counterlight.gl.fragment_pass import MapTextures, WordTextures
+from counterlight.gl.gpu_maps import MapBuffers, MapTextures, WordBuffers, WordTextures, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.maps.prior import Prior

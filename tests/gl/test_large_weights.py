@@ -4,7 +4,7 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight.gl.fragment_pass import MapTextures
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import float_texture
 from counterlight.maps.row_map import SparseRows, pack
 

@@ -10,9 +10,8 @@ import pytest
 from counterlight import app
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.gl import compute_pass, paths
-from counterlight.gl.compute_pass import MapBuffers, supports_compute
-from counterlight.gl.fragment_pass import MapTextures
+from counterlight.gl import gpu_maps, paths
+from counterlight.gl.gpu_maps import MapBuffers, MapTextures, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
@@ -109,7 +108,7 @@ def test_a_map_in_several_buffers_is_one_map(
 ) -> None:
     packed = random_map(rng, (40, 50), CAMERA, 30)
     picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
-    monkeypatch.setattr(compute_pass, "PART_ENTRIES", 6000)
+    monkeypatch.setattr(gpu_maps, "PART_ENTRIES", 6000)
     stored = MapBuffers(gl_context, packed)
     assert len(stored.parts) > 3
     np.testing.assert_allclose(multiply(gl_context, stored, picture), PreparedRows(packed).apply(picture), atol=ATOL)

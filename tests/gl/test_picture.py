@@ -11,7 +11,7 @@ from counterlight.files.cube import read_cube
 from counterlight.gl import shaders
 from counterlight.gl.adaptation import Adapter
 from counterlight.gl.device import GlDevice
-from counterlight.gl.fragment_pass import MapTextures
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import Pass, float_texture, picture_texture, table_texture
 from counterlight.gl.planes import Planes
 from counterlight.gl.renderer import GlRenderer

@@ -8,7 +8,7 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.gl.device import GlDevice
-from counterlight.gl.fragment_pass import MapTextures
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import Pass, float_texture, table_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.shaders import ShaderError, build_program

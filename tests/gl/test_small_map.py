@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.gl.compute_pass import WordBuffers
-from counterlight.gl.fragment_pass import WordTextures
+from counterlight.gl.gpu_maps import WordBuffers, WordTextures
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
 from counterlight.gl.renderer import GlRenderer

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.gl.context import headless_context
-from counterlight.gl.fragment_pass import MapTextures
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import picture_texture
 from tests.bench.frames import CAMERA, PROJECTOR, clock_of, local_map
 

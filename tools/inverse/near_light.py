@@ -68,12 +68,12 @@ class InverseOptions:
     def __post_init__(self) -> None:
         if self.inverse not in INVERSES:
             raise InputError(f"--inverse {self.inverse}: expected {', '.join(INVERSES)}")
-        if self.inverse in ("whole", "none"):
-            self._check_uncut()
-        if self.parameters is not None and self.max_cluster is not None:
-            raise InputError(
-                f"--cut {self.parameters}: --max-cluster {self.max_cluster} finds its own; leave one of them out"
-            )
+        given = {f"--max-cluster {self.max_cluster}": self.max_cluster, f"--cut {self.parameters}": self.parameters}
+        cuts = [option for option, value in given.items() if value is not None]
+        if self.inverse in ("whole", "none") and cuts:
+            raise InputError(f"--inverse {self.inverse}: cuts nothing; leave {cuts[0]} out")
+        if len(cuts) > 1:
+            raise InputError(f"{cuts[1]}: {cuts[0]} finds its own; leave one of them out")
         if self.inverse == "thesis" and self.damping:
             raise InputError(
                 f"--regularize {self.damping:g}: --inverse thesis takes plain pseudo-inverses of clusters; leave it out"
@@ -90,15 +90,6 @@ class InverseOptions:
             raise InputError(f"--max-cluster {self.max_cluster}: expected at least 1 projector pixel")
         if not 0 <= self.noise < 1:
             raise InputError(f"--noise {self.noise}: expected 0 up to 1, the share of T's entries that is noise")
-
-    def _check_uncut(self) -> None:
-        cutting = {
-            f"--max-cluster {self.max_cluster}": self.max_cluster is not None,
-            f"--cut {self.parameters}": self.parameters is not None,
-        }
-        for option, given in cutting.items():
-            if given:
-                raise InputError(f"--inverse {self.inverse}: cuts nothing; leave {option} out")
 
     @property
     def settled(self) -> "InverseOptions":
