@@ -210,7 +210,6 @@ def _details(
         "options": {
             "regularize": "auto" if options.damping is None else options.damping,
             "max_error_codes": options.max_error,
-            "method": options.method,
             "inverse": options.inverse,
             **({} if options.tau is None else {"tau": options.tau}),
             "noise": options.noise,
