@@ -12,6 +12,7 @@ from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.governor import Governor, Steps
 from counterlight.show.options import LISTED_IMAGE_S
+from counterlight.show.session import Playing
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
@@ -86,6 +87,19 @@ def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor
     quick = room.maps.correction_in_steps < room.maps.direct_in_steps + 1
     told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "quick": quick}
     return Governor(usual, options.refine, **told)
+
+
+def playing_of(options: argparse.Namespace) -> Playing:
+    """Return how the media are played."""
+    return Playing(
+        loop_file=options.loop and len(options.media) == 1,
+        speed=options.speed,
+        start_s=options.start,
+        image_display_duration=image_display_duration(options),
+        keep_open=options.keep_open,
+        fade_s=options.fade,
+        crossfade_s=options.crossfade,
+    )
 
 
 def image_display_duration(options: argparse.Namespace) -> float | None:
