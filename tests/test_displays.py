@@ -18,7 +18,7 @@ from counterlight.response import Response
 from counterlight.show.command_line import read_options
 from counterlight.show.from_options import monitors_of, room_of
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import Conditions, InverseOptions, invert_near_light
 from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
@@ -84,7 +84,7 @@ def test_a_projector_beside_its_copy_gives_half_of_the_light(
     def rows(transport: Transport, shape: tuple[int, int]) -> np.ndarray:
         regions = [Region(left, 0, 44, 30) for left in range(0, shape[1], 44)]
         reach = np.ones((mask.size, 3))
-        found = invert_near_light(transport.near, mask, shape, reach, 1.0, options, regions)
+        found = invert_near_light(transport.near, mask, shape, reach, 1.0, options, Conditions(regions))
         return channels(found.T_pinv)[1].toarray().reshape(*shape, mask.size)
 
     alone, together = rows(single, shape), rows(twice, (shape[0], 2 * shape[1]))
