@@ -31,8 +31,8 @@ def room_of(options: argparse.Namespace) -> Room:
     """Read the room from its calibration folder. Raises InputError if the folder or the options are contradictory."""
     white = None if options.white == "auto" else options.white
     for name in ("shader", "entries"):
-        if options.backend == "cpu" and name in options.given:
-            value = getattr(options, name)
+        value = getattr(options, name)
+        if options.backend == "cpu" and value is not None:
             raise InputError(f"--{name} {value}: --backend cpu has no GPU to use it; leave one of them out")
     words = path_of(options).entries != "16"
     steps, start = steps_of(options), options.refine_from
@@ -54,7 +54,7 @@ def path_of(options: argparse.Namespace) -> GpuPath:
 def backend_of(options: argparse.Namespace) -> str:
     """Return the backend, which is OpenGL if an option asks for its shaders."""
     chosen: str = options.backend
-    return "gl" if chosen == "auto" and options.given & {"shader", "entries"} else chosen
+    return "gl" if chosen == "auto" and (options.shader or options.entries) else chosen
 
 
 def steps_of(options: argparse.Namespace) -> Steps | None:
