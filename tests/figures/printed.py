@@ -191,7 +191,7 @@ def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> F
 
 
 def at_equal_milliseconds(text: str) -> Cells:
-    """Read tables of docs/refinement.md whose head and step counts depend on the machine's times."""
+    """Read tables of docs/tables/refinement.md whose head and step counts depend on the machine's times."""
     numbered = re.sub(r"^\| start \| \d+ ms .*", "| start, in equal time | a | b | c | d |", text, flags=re.MULTILINE)
     return markdown("start, in equal time")(numbered)
 
