@@ -81,13 +81,18 @@ def started(
     folder: Path | None = None,
     errors: int | None = subprocess.PIPE,
 ) -> Iterator[subprocess.Popen[str]]:
-    """Start a verb as a copy of the warm interpreter (warm_start.py); start any other program in a new process."""
+    """Start a verb, `python -m` or `python -c` as a copy of the warm interpreter (warm_start.py).
+
+    Any other program starts in a new process.
+    """
     variables = os.environ | environment
     process: Any
-    if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):
+    of_python = words[0] == sys.executable and words[1] in ("-m", "-c")
+    warm = of_python or words[0] == script("counterlight")
+    if not warm or "FRESH" in os.environ or read_early(variables):
         process = subprocess.Popen(words, env=variables, cwd=folder, stdout=subprocess.PIPE, stderr=errors, text=True)
     else:
-        process = Copy(words, variables, folder or Path.cwd(), errors)
+        process = Copy(words[of_python:], variables, folder or Path.cwd(), errors)
     try:
         yield process
     finally:

@@ -12,14 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests import test_solve
 from tests.faults import Run, Runner
 from tests.fuzz.__main__ import KINDS
 from tests.fuzz.bench import KILLED, Bench, Blow
 from tests.fuzz.calls import Rules, calls_of, watched
 from tests.fuzz.names import Ground, draw_name
+from tests.fuzz.solvers import PROPERTIES, Solvers
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import CRASHED, GREEDY, HUNG, LEFT, MOST_BYTES, READ, REFUSED, WRONG, Plan, Trial
 from tests.fuzz.warden import Case, FileCampaign
+from tests.one_channel import Found
 from tests.programs import ROOT
 
 SEED = 7
@@ -89,6 +92,14 @@ def test_a_seed_gives_the_same_inputs(tmp_path: Path) -> None:
         first, again = ([draw(plan.rng("x", index)) for index in plan.indices()] for _ in range(2))
         assert first == again
         assert len({str(drawn) for drawn in first}) > 5
+
+
+def test_a_solver_that_finds_nothing_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    plan = Plan(SEED, 3 * len(PROPERTIES), tmp_path, tmp_path)
+    assert Solvers().run(plan).verdicts == {READ: plan.count}
+    monkeypatch.setattr(test_solve, "solve", lambda _, system: Found(np.zeros(system.shape[1]), ()))
+    wrong = {finding["index"] % len(PROPERTIES) for finding in Solvers().run(plan).findings}
+    assert wrong == {0, 1, 3, 4, 5}  # number 2 holds for any drive
 
 
 DOES = {
