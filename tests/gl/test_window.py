@@ -149,7 +149,7 @@ def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room:
 
 
 @pytest.mark.parametrize("how", [ON_A_GPU, ON_THE_PROCESSOR], ids=["gpu", "processor"])
-def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, how: tuple[str, str]) -> None:
+def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, how: tuple[str, ...]) -> None:
     """c, v, b, i, s and q are really pressed. The window is at the upper left of a bare X server."""
     corrected = expected_picture(room, picture, tmp_path, how=how)
     plain = expected_picture(room, picture, tmp_path, "--no-compensation", how=how)
