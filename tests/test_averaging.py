@@ -147,9 +147,11 @@ class TimedLines(io.StringIO):
 
 @pytest.mark.parametrize(
     ("scheme", "kind", "settings"),
-    [  # each scheme with each kind, each noise with each scheme and each kind
-        (scheme, kind, (NOISY, DIM)[(row + column) % 2])
-        for row, scheme in enumerate([HierarchicalScheme(), MultiplexedScheme()])
+    [  # each scheme with each kind; each noise with each scheme and with each kind
+        pytest.param(scheme, kind, (NOISY, DIM)[(row + column) % 2], id=f"{name}-{kind}")
+        for row, (name, scheme) in enumerate(
+            [("hierarchical", HierarchicalScheme()), ("multiplexed", MultiplexedScheme())]
+        )
         for column, kind in enumerate(["sharp", "blurred", "far light", "mirror"])
     ],
 )
