@@ -116,10 +116,11 @@ def test_a_window_manager_that_dies_and_another_that_begins(room: Path, films: l
     A new window that covers the projector is covered in turn.
     """
     options = "--fullscreen", *SILENT, "--osd", "off", "--loop"
-    with theatre(tmp_path, "none") as display, Audience(display, tmp_path) as audience:
+    with theatre(tmp_path, "none") as display:
         with managed(display, tmp_path, "icewm"):
             pass
-        with running(*verb("play"), room, *films, *options, **on(display)) as process:
+        show = running(*verb("play"), room, *films, *options, **on(display))
+        with Audience(display, tmp_path) as audience, show as process:
             evening = Evening(process, audience)
             evening.sees("black", DARK, BRIGHT)
             with managed(display, tmp_path, "openbox"):
