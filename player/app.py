@@ -19,7 +19,6 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
-from counterlight.show.beside import checks_of, in_step_of, lamps_of
 from counterlight.show.command_line import read_options
 from counterlight.show.compiling import compile_passes
 from counterlight.show.control import ControlServer, Remote
@@ -36,6 +35,7 @@ from counterlight.show.from_options import (
 from counterlight.show.media import Media
 from counterlight.show.options import OPTIONS, WITHOUT_COMPENSATION
 from counterlight.show.playlist import Playlist, files_of
+from counterlight.show.polled import checks_of, in_step_of, lamps_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.schedule_file import ScheduleFile
@@ -184,7 +184,7 @@ def play_in_window(
             remotes=remotes,
             heartbeat=heartbeat,
             checks=checks_of(options),
-            beside=in_step_of(options, session, stack),
+            polled=in_step_of(options, session, stack),
             lamps=lamps_of(options, stack),
             on_interrupt=lambda stats: None if options.stats is None else stats.write(options.stats),
         )

@@ -19,13 +19,12 @@ from counterlight.tools.clusters.decomposition import Decomposition, Parameters,
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_values
-from counterlight.tools.inverse.clustered import clustered_jobs
+from counterlight.tools.inverse.clustered import clustered_jobs, prior_matrices
 from counterlight.tools.inverse.damping import DampingChoice, choose_damping, is_large
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.method import LEAST_DAMPING, Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.price import Objection, price_of_clusters, price_of_windows
-from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.rows import Piece, Truncation, join
 from counterlight.tools.inverse.super_blocks import Elsewhere
 from counterlight.tools.inverse.windows import FINEST_TOLERANCE, WindowedChannel, Windows, plan_windows, windowed_jobs
