@@ -21,10 +21,8 @@ from counterlight import viewpoints
 from counterlight.arrays import brief
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.generation import read_steadily
-from counterlight.files.manifest import describe_files, sha256_of, write_toml
-from counterlight.files.picture_files import MAX_SIDE, grey, read_picture
-from counterlight.files.png import write_png
+from counterlight.files.manifest import describe_files, read_steadily, sha256_of, write_toml
+from counterlight.files.picture_files import MAX_SIDE, grey, read_picture, write_png
 from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
 from counterlight.files.tables import LONGEST_TEXT, Table
 from counterlight.raster import Raster, Region, side_by_side
@@ -337,8 +335,8 @@ def _projector_to_toml(projector: Device) -> dict[str, Any]:
     response = projector.response
     table: dict[str, Any] = {"width": projector.width, "height": projector.height, "response": response.to_toml()}
     segment = None if response.segment is None else [list(row) for row in response.segment.samples]
-    beside = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
-    return table | {name: value for name, value in beside.items() if value is not None}
+    optional = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
+    return table | {name: value for name, value in optional.items() if value is not None}
 
 
 def _read_projector(table: Table) -> Device:

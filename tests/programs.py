@@ -1,6 +1,7 @@
 """Programs as a user runs them: whole commands, and processes that continue while a test observes them."""
 
 import contextlib
+import io
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from counterlight.tools import verbs
 from tests.copies import Copy, read_early
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,6 +49,14 @@ def succeed(name: str, *arguments: object, **environment: str) -> str:
     done = command(name, *arguments, **environment)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def here(name: str, *arguments: object) -> str:
+    """Run a verb in this process, where its code is loaded already, and return its output."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert verbs.main([name, *map(str, arguments)]) == 0
+    return output.getvalue()
 
 
 def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:

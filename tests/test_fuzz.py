@@ -14,7 +14,7 @@ import pytest
 
 from tests import test_solve
 from tests.faults import Run, Runner
-from tests.fuzz.__main__ import KINDS
+from tests.fuzz.__main__ import KINDS, main
 from tests.fuzz.bench import KILLED, Bench, Blow
 from tests.fuzz.calls import Rules, calls_of, watched
 from tests.fuzz.names import Ground, draw_name
@@ -23,7 +23,6 @@ from tests.fuzz.tables import Tables
 from tests.fuzz.tally import CRASHED, GREEDY, HUNG, LEFT, MOST_BYTES, READ, REFUSED, WRONG, Plan, Trial
 from tests.fuzz.warden import Case, FileCampaign
 from tests.one_channel import Found
-from tests.programs import ROOT
 
 SEED = 7
 
@@ -162,11 +161,10 @@ def test_the_bench_sees_what_a_struck_command_does(kind: str, bench: Bench) -> N
         assert bench.trial("fit", Blow("not struck", partial(bench.run, "fit"), (0,))).verdict == READ
 
 
-def test_the_command_lists_the_campaigns_and_refuses_others() -> None:
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        words = (sys.executable, "-m", "tests.fuzz", *words)
-        return subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
-
-    listed = run("--help").stdout
+def test_the_command_lists_the_campaigns_and_refuses_others(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--help"])
+    listed = capsys.readouterr().out
     assert all(f"  {kind.name}" in listed and kind.purpose in listed for kind in KINDS)
-    assert run("nothing").returncode == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["nothing"])

@@ -21,7 +21,7 @@ from counterlight.remote.web import LONGEST_MESSAGE, MOST_VISITORS
 from tests.fuzz.lines import random_line
 from tests.player_page import table
 from tests.programs import PATIENCE_S, descendants, fail, on, wait_until
-from tests.web_remote import Place, Visitor, child, free_port, printed_address, show_with_remote
+from tests.web_remote import Place, child, free_port, printed_address, show_with_remote
 
 
 @pytest.mark.usefixtures("visitor")

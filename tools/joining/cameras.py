@@ -4,30 +4,30 @@ With c = (c₁, c₂, …) the pictures in one raster, the rows of the T_k are s
 the D are stacked, and each camera keeps the U of its own room.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
+from counterlight.maps import row_map
 from counterlight.maps.row_map import SparseRows
 from counterlight.raster import Shape, Shapes
 from counterlight.response import Response
 from counterlight.screen import parts_of, raster_of
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import factored
-from counterlight.tools.hdr.response_table import NODES
-from counterlight.tools.transport.joining import with_monitors
-from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
+from counterlight.tools.hdr.camera_response import NODES
+from counterlight.tools.joining.projectors import block_diagonal, equal, with_monitors
+from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import Dense, FarLight, Transport
 
 MOST_APART = 0.02  # of white: allowed difference between the responses of one projector as measured by two cameras
 
@@ -87,7 +87,7 @@ def joined_cameras(
 ) -> SharedRoom:
     """Join the cameras of rooms with the same projectors, in the rooms' order."""
     joint, transport = below_each_other(rooms, transports, name, monitors)
-    cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
+    cameras = tuple(itertools.chain.from_iterable(room.cameras for room in rooms))
     shared = on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
     room, screen = shared.calibration, shared.calibration.screen
     assert screen is not None
@@ -104,7 +104,7 @@ def below_each_other(
         raise InputError(
             "several cameras cannot have light in blocks of projector pixels; simulate each room with --tolerance 0"
         )
-    cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
+    cameras = tuple(itertools.chain.from_iterable(room.cameras for room in rooms))
     rows, shape = _rows_of_rooms(rooms, cameras), raster_of(cameras)
     joint = Calibration(
         name,
@@ -115,7 +115,7 @@ def below_each_other(
         _below([room.mask for room in rooms], rows, shape),
         _primaries(rooms, rows, shape),
     )
-    near = _stacked([each.near for each in transports], [0] * len(rooms)).at(rows)
+    near = _rows_at([each.near for each in transports], rows)
     return joint, Transport(near, _far_light(transports, rows), shape, rooms[0].projector.shape)
 
 
@@ -130,7 +130,7 @@ def seen_below(transports: Sequence[Transport | None], cameras: Shapes, projecto
     for part, each in zip(parts_of(cameras), transports, strict=True):
         if each is not None:
             rows[part] = next(starts) + np.arange(each.shape[0]).reshape(rows[part].shape)
-    near = _stacked([each.near for each in there], [0] * len(there)).at(rows.ravel())
+    near = _rows_at([each.near for each in there], rows.ravel())
     return Transport(near, _far_light(there, rows.ravel()), raster_of(cameras), projector)
 
 
@@ -177,8 +177,8 @@ def _rows_of_rooms(rooms: Sequence[Calibration], cameras: tuple[tuple[int, int],
 
 def _below(pictures: Sequence[NDArray[Any]], rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[Any]:
     """Arrange pictures of rooms in the joint raster; 0 outside cameras."""
-    beside = np.zeros((1, *pictures[0].shape[2:]), pictures[0].dtype)
-    flat = np.concatenate([*(each.reshape(-1, *each.shape[2:]) for each in pictures), beside])
+    dark = np.zeros((1, *pictures[0].shape[2:]), pictures[0].dtype)
+    flat = np.concatenate([*(each.reshape(-1, *each.shape[2:]) for each in pictures), dark])
     return np.asarray(flat[rows].reshape(*shape, *flat.shape[1:]))
 
 
@@ -192,17 +192,9 @@ def _primaries(
     return np.stack([_below([each[i] for each in found], rows, shape) for i in range(3)])
 
 
-def _stacked(parts: Sequence[SparseRows], starts: Sequence[int]) -> SparseRows:
-    """Stack rows and append an empty row. starts : first column of each part."""
-    ends = np.cumsum([0, *(part.indices.size for part in parts)])
-    indptr = [part.indptr[1:] + start for part, start in zip(parts, ends, strict=False)]
-    columns = max(start + part.columns for part, start in zip(parts, starts, strict=True))
-    return SparseRows(
-        np.concatenate([[0], *indptr, ends[-1:]]),
-        np.concatenate([part.indices + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32),
-        np.concatenate([part.weights for part in parts]),
-        columns,
-    )
+def _rows_at(parts: Sequence[SparseRows], rows: NDArray[np.int64]) -> SparseRows:
+    """Stack the rooms' rows and an empty row, and return some of them."""
+    return row_map.below_each_other([*parts, SparseRows.empty(1, parts[0].columns)]).at(rows)
 
 
 def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarLight | None:
@@ -211,25 +203,22 @@ def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarL
         return None
     parts = [transport.far or _none(transport) for transport in transports]
     if all(_same_cells(part, parts[0]) for part in parts[1:]):
-        return replace(parts[0], scatter=_stacked([part.scatter for part in parts], [0] * len(parts)).at(rows))
-    starts = np.cumsum([0, *(part.cells for part in parts)])[:-1]
-    gathers = _stacked([part.gather for part in parts], [0] * len(parts))
-    gather = gathers.at(np.arange(sum(part.cells for part in parts)))
-    mix = np.stack([sparse.block_diag([part.mix[i] for part in parts]).toarray() for i in range(3)])
-    return FarLight(gather, mix, _stacked([part.scatter for part in parts], [int(start) for start in starts]).at(rows))
+        return replace(parts[0], scatter=_rows_at([part.scatter for part in parts], rows))
+    *starts, cells = itertools.accumulate((part.scatter.columns for part in parts), initial=0)
+    scatters = [
+        replace(part.scatter, indices=part.scatter.indices + start, columns=cells)
+        for part, start in zip(parts, starts, strict=True)
+    ]
+    gather = row_map.below_each_other([part.gather for part in parts])
+    return FarLight(gather, block_diagonal([part.mix for part in parts]), _rows_at(scatters, rows))
 
 
 def _same_cells(part: FarLight, other: FarLight) -> bool:
     """Return whether two rooms share cells, as in one simulated room."""
-    pairs = [(part.mix, other.mix)] + [
-        (getattr(part.gather, name), getattr(other.gather, name)) for name in ("indptr", "indices", "weights")
-    ]
-    return all(np.array_equal(*pair) for pair in pairs)
+    return equal(part.mix, other.mix) and equal(part.gather, other.gather)
 
 
 def _none(transport: Transport) -> FarLight:
     """Return far light without cells."""
-    nothing, weights = np.empty(0, np.int32), np.empty((0, 3), np.float32)
     camera, projector = transport.shape
-    empty = SparseRows(np.zeros(camera + 1, np.int64), nothing, weights, 0)
-    return FarLight(SparseRows(np.zeros(1, np.int64), nothing, weights, projector), np.zeros((3, 0, 0)), empty)
+    return FarLight(SparseRows.empty(0, projector), Dense(np.zeros((3, 0, 0))), SparseRows.empty(camera, 0))
