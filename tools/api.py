@@ -36,6 +36,7 @@ from counterlight.tools.choices import (
 from counterlight.tools.clusters.decomposition import Parameters
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.factoring.factoring import compacted
+from counterlight.tools.linear_operator import TransportOperator
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
@@ -56,24 +57,24 @@ class Room:
     equal only if they are the same object.
 
     calibration : sizes, responses, ambient light, mask, and floodlights of the primaries.
-    transport : T of white light.
+    parts : the parts of T of white light: near light, and blurred and far light if any.
     colour : the primaries that a camera channel sees: auto, independent, global or pixel (docs/colour.md).
     """
 
     calibration: Calibration
-    transport: Transport
+    parts: Transport
     colour: str = "auto"
 
     def __post_init__(self) -> None:
         arguments.instance(self.calibration, Calibration, "calibration")
-        arguments.instance(self.transport, Transport, "transport")
+        arguments.instance(self.parts, Transport, "parts")
         arguments.choice(self.colour, "colour", COLOURS)
         expected = self.calibration.camera.pixels, self.calibration.projector.pixels
-        if self.transport.shape != expected:
-            raise InputError(f"transport of shape {self.transport.shape}, the calibration is for {expected}")
+        if self.parts.shape != expected:
+            raise InputError(f"T of shape {self.parts.shape}, the calibration is for {expected}")
 
     def __repr__(self) -> str:
-        return f"<Room {self.calibration.name!r}: camera {self.camera}, projector {self.projector}, {self.transport!r}>"
+        return f"<Room {self.calibration.name!r}: camera {self.camera}, projector {self.projector}, {self.parts!r}>"
 
     @classmethod
     @in_python(tolerance="factor")
@@ -151,7 +152,15 @@ class Room:
     @in_python()
     def tier(self) -> Tier:
         """The room in screen primaries; `str` gives its colour tier and the reason for it."""
-        return tier_of(self.calibration, self.transport, self.colour)
+        return tier_of(self.calibration, self.parts, self.colour)
+
+    @cached_property
+    def transport(self) -> TransportOperator:
+        """T as a scipy LinearOperator; `@` takes a picture (projector height, projector width, 3) or a flattened one.
+
+        T leaves out ambient light. `T.channel(k)` is one channel, and `T.to_csr()` a sparse matrix.
+        """
+        return TransportOperator(replace(self.parts, camera=self.camera, projector=self.projector))
 
     @property
     def white(self) -> float:
@@ -178,7 +187,7 @@ class Room:
         if maps is not None:
             check_maps(self, maps)
         with calibrations.replacing(target, force=arguments.instance(force, bool, "force")) as stage:
-            write_transport(self.transport, stage)
+            write_transport(self.parts, stage)
             calibrations.write(self.calibration, stage)
             if maps is not None:
                 (stage / correction.FOLDER).mkdir()
@@ -207,7 +216,7 @@ class Solution:
 def read_room(folder: PathLike[str] | str) -> Room:
     """Read a calibration folder; InputError for missing or damaged files."""
     stored = calibrations.read(arguments.path(folder, "folder"))
-    return _room(stored.calibration, read_transport(stored))
+    return Room(stored.calibration, read_transport(stored))
 
 
 @in_python()
@@ -270,7 +279,7 @@ def simulate(
         needs = chosen(needs_of(view), off, kept)
         needs = needs if within is None else priced(view, needs, within)
         results.append(simulation.simulate(view, needs, tolerance=tolerance))
-    return _room(*simulated_room(described, results))
+    return Room(*simulated_room(described, results))
 
 
 @in_python()
@@ -368,19 +377,13 @@ def _coloured(room: Room, colour: str | None) -> Room:
 
 def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
     """Check pictures of red, green and blue as `Room.from_matrices` takes them."""
-    try:
-        pictures = list(light) if isinstance(light, list | tuple) else list(np.asarray(light))
-    except TypeError:
-        pictures = []
-    expected = (3, *camera, 3)
-    if len(pictures) != 3 or any(np.shape(each) != expected[1:] for each in pictures):
-        raise InputError(f"primaries of shape {np.shape(light)}, expected {expected}: pictures of red, green, blue")
+    several = light if isinstance(light, list | tuple) else np.atleast_1d(arguments.real_array(light, "primaries"))
+    pictures = [arguments.real_array(each, "primaries") for each in several]
+    expected, shapes = (3, *camera, 3), dict.fromkeys((len(pictures), *each.shape) for each in pictures)
+    if list(shapes) != [expected]:
+        found = " and ".join(map(str, shapes)) or "()"
+        raise InputError(f"primaries of shape {found}, expected {expected}: pictures of red, green, blue")
     return np.stack([arguments.radiance(each, camera, "primaries") for each in pictures])
-
-
-def _room(calibration: Calibration, transport: Transport) -> Room:
-    camera, projector = calibration.camera.shape, calibration.projector.shape
-    return Room(calibration, replace(transport, camera=camera, projector=projector))
 
 
 def _channel(matrix: object, colour: str, shape: Shape) -> Csr:
