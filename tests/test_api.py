@@ -1,12 +1,14 @@
 """The Python API: docs/api.md runs as printed, agrees with independent programs, and imports cheaply."""
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scipy import sparse
@@ -525,6 +527,32 @@ def test_whatever_it_returns_is_one_line(room: cl.Room, maps: RoomMaps) -> None:
     ):
         assert len(repr(each)) <= 200
         assert all(size in repr(each) for size in sizes)
+
+
+def test_plots_show_rooms_maps_and_errors(room: cl.Room, maps: RoomMaps, tmp_path: Path) -> None:
+    found = cl.solve(room, np.full((12, 16, 3), 0.5), "direct")
+    np.testing.assert_allclose(found.error, (found.seen - 0.5 * room.white) / room.white, atol=1e-12)
+    drawn = {each: each.plot() for each in (room, found)} | {repr(maps): maps.plot()}
+    for number, figure in enumerate(drawn.values()):
+        figure.savefig(tmp_path / f"{number}.png")
+        assert cv2.imread(str(tmp_path / f"{number}.png")).std() > 10
+        assert figure._repr_png_().startswith(b"\x89PNG")
+    titles = {axes.get_title(): axes.images[0] for figure in drawn.values() for axes in figure.axes if axes.get_title()}
+    error = 100 * (found.error @ [0.2126, 0.7152, 0.0722])
+    np.testing.assert_allclose(titles["error of luminance, % of white"].get_array(), error, atol=1e-9)
+    low, high = titles["error of luminance, % of white"].get_clim()
+    assert low == -high
+    lengths = titles["entries of near light per camera pixel"].get_array()
+    assert lengths.sum() == room.parts.near.indices.size
+    np.testing.assert_array_equal(titles["entries of T per camera pixel"].get_array(), lengths)
+    assert titles["full light"].get_array().shape == (12, 16, 3)
+    assert "camera (12, 16)" in figure.get_suptitle()
+
+
+def test_plots_without_matplotlib_are_refused(room: cl.Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(InputError, match=r"matplotlib, which is not installed; .* 'counterlight\[study\]'"):
+        room.plot()
 
 
 def test_the_namespace_is_the_api() -> None:

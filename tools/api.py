@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,8 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.maps import room_maps as correction
 from counterlight.maps.room_maps import RoomMaps
-from counterlight.response import Response
+from counterlight.plots import panels
+from counterlight.response import TABLE_SIZE, Response, transfer_table
 from counterlight.tools import arguments
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
@@ -42,7 +43,10 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.pixel_order import misreading
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
-from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
+from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, luminance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BYTES_OF_A_PIXEL = 100  # upper bound per pixel while a picture is read
 READ_ROOM = "make one with read_room, simulate or Room.from_matrices"
@@ -180,6 +184,19 @@ class Room:
         """
         return self.tier.seen(arguments.picture(drive, self.projector, "drive"))
 
+    def plot(self) -> "Figure":
+        """Draw the room under full light and without the projector, what counts, and T's entries (needs matplotlib)."""
+        brightest = np.percentile(self.floodlight, 99)
+        return panels(
+            f"{self.calibration.name}: camera {self.camera}, projector {self.projector}",
+            {
+                "full light": _srgb(self.floodlight / brightest),
+                "ambient light, % of white": 100 * _grey(self.tier.ambient) / self.white,
+                "camera pixels that count (mask)": self.mask,
+                "entries of near light per camera pixel": self.parts.near.lengths.reshape(self.camera),
+            },
+        )
+
     @in_python()
     def write(self, folder: PathLike[str] | str, *, maps: RoomMaps | None = None, force: bool = False) -> None:
         """Write a calibration folder, with `maps` if given; the folder appears whole or not at all."""
@@ -201,15 +218,36 @@ class Solution:
     drive : (projector height, projector width, 3). 0 to 1, linear light.
     seen : camera picture under the drive.
     below_optimum : upper bound, from the gradient, on how many dB `seen` is below the best drive's picture.
+    target : the requested camera picture, in the unit of `seen`.
+    white : radiance of the picture's white.
     """
 
     drive: FloatArray
     seen: FloatArray
     below_optimum: float
+    target: FloatArray
+    white: float
 
     def __repr__(self) -> str:
         bound = f"at most {self.below_optimum:.2g} dB below the optimum"
         return f"<Solution: drive {self.drive.shape}, seen {self.seen.shape}, {bound}>"
+
+    @property
+    def error(self) -> FloatArray:
+        """What is seen minus the target, as a share of white, (camera height, camera width, 3)."""
+        return (self.seen - self.target) / self.white
+
+    def plot(self) -> "Figure":
+        """Draw the drive, the target, what is seen, and the error of its luminance (needs matplotlib)."""
+        return panels(
+            repr(self).strip("<>"),
+            {
+                "target": _srgb(self.target / self.white),
+                "seen by the camera": _srgb(self.seen / self.white),
+                "error of luminance, % of white": 100 * _grey(self.error),
+                "drive of the projector": _srgb(self.drive),
+            },
+        )
 
 
 @in_python()
@@ -307,14 +345,16 @@ def solve(
     arguments.choice(solver, "solver", SOLVERS | OF_PICTURES)
     tier = _coloured(room, colour).tier
     wanted = arguments.picture(picture, room.camera, "picture", of_white=white is None)
-    b = tier.asked(wanted * arguments.white(white, tier.white))
+    radiance = arguments.white(white, tier.white)
+    target = wanted * radiance
+    b = tier.asked(target)
     objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
     sought, counts = objective if priors else None, objective.lit_picture(tier.calibration)
     drive = np.clip(prepare(solver, T, counts, sought).solve(b).unclamped, 0, 1)
     bound = objective.unweighted.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
-    return Solution(shown, tier.seen(shown), bound.decibels)
+    return Solution(shown, tier.seen(shown), bound.decibels, target, radiance)
 
 
 @in_python()
@@ -366,6 +406,16 @@ def check_maps(room: Room, maps: RoomMaps) -> None:
             f"maps: for camera {found[0]} and projector {found[1]}, the room has camera {expected[0]} and projector "
             f"{expected[1]}; build_maps(room) makes the room's"
         )
+
+
+def _srgb(linear_rgb: FloatArray) -> FloatArray:
+    """Returns code values from 0 to 1 of linear light."""
+    return np.interp(linear_rgb, transfer_table("srgb"), np.linspace(0, 1, TABLE_SIZE))
+
+
+def _grey(linear_rgb: NDArray[np.floating]) -> FloatArray:
+    """Returns the luminance of a picture, (height, width)."""
+    return luminance(linear_rgb.reshape(-1, 3)).reshape(linear_rgb.shape[:2])
 
 
 def _coloured(room: Room, colour: str | None) -> Room:
