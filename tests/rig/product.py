@@ -104,14 +104,14 @@ def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *wo
 
 def _photograph_new(rig: Rig, exchange: Path, seed: int) -> None:
     """Photograph patterns without a capture. Captures are renamed into place, so that no process reads half a file."""
+    stored = rig.devices.stored
     for path in sorted((exchange / "patterns").glob("[0-9]*.png")):
-        target = exchange / "captures" / path.name
+        target = exchange / "captures" / f"{path.stem}{stored.suffix}"
         if target.exists():
             continue
         shown = cv2.imread(str(path), cv2.IMREAD_COLOR)
         assert shown is not None, path
         capture = rig.photograph(shown[..., ::-1], seed, int(path.stem))
         begun = target.with_name(f".{target.name}")
-        fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-        assert cv2.imwrite(str(begun), np.ascontiguousarray(capture[..., ::-1]), fast), begun
+        begun.write_bytes(stored.content(capture))
         begun.rename(target)

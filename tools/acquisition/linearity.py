@@ -73,14 +73,20 @@ class Bend:
 
 
 def halves_of(projector: tuple[int, int]) -> Pattern:
-    """Returns a pattern of superposed cells of 1, 2, 4 … pixels, half of the pixels lit; the seed is fixed."""
-    rng, field = np.random.default_rng(SEED), np.zeros(projector)
+    """Returns a pattern of cells of all sizes with half of the pixels lit."""
+    (field,) = cells_of(projector)
+    return np.asarray(field > np.median(field))
+
+
+def cells_of(projector: tuple[int, int], fields: int = 1) -> FloatArray:
+    """Returns random fields of superposed cells of 1, 2, 4 … pixels: (fields, height, width); the seed is fixed."""
+    rng, found = np.random.default_rng(SEED), np.zeros((fields, *projector))
     side = 1
     while side <= max(max(projector) // 4, 1):
-        cells = rng.standard_normal([-(-length // side) for length in projector])
-        field += cells.repeat(side, axis=0).repeat(side, axis=1)[: projector[0], : projector[1]]
+        cells = rng.standard_normal([fields, *(-(-length // side) for length in projector)])
+        found += cells.repeat(side, axis=1).repeat(side, axis=2)[:, : projector[0], : projector[1]]
         side *= 2
-    return np.asarray(field > np.median(field))
+    return found
 
 
 def shown_halves(projector: tuple[int, int]) -> list[Pattern]:
