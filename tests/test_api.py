@@ -13,7 +13,7 @@ from scipy import sparse
 
 import counterlight as cl
 from counterlight.errors import InputError
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.response import Response, parse_response
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of

@@ -16,7 +16,7 @@ from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.files import exr
 from counterlight.response import Response
 from counterlight.tools import build_correction_map
-from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.clusters.components import NonFiniteError
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.box import MOST_STEPS, TOLERANCE
 from counterlight.tools.solve.channel import Channel

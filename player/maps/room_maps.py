@@ -27,8 +27,7 @@ from counterlight.arrays import brief
 from counterlight.calibration import RADIANCE, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.generation import read_steadily
-from counterlight.files.manifest import describe_files, write_toml
+from counterlight.files.manifest import describe_files, read_steadily, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
 from counterlight.maps import mixing as mixings

@@ -12,7 +12,7 @@ from counterlight import calibration as calibrations
 from counterlight.arrays import brief
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError, nearest
-from counterlight.files.generation import read_steadily
+from counterlight.files.manifest import read_steadily
 from counterlight.maps import room_maps as maps
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps

@@ -12,7 +12,7 @@ from counterlight.show.refining import refining
 from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
 from counterlight.show.stats import DRAWING, STAGES
-from counterlight.unattended.lamps import Lamps
+from counterlight.unattended.pjlink import Lamps
 
 TIME = Number(0, 1e9)
 

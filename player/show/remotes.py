@@ -12,8 +12,7 @@ from pathlib import Path
 
 from counterlight.command import tell
 from counterlight.errors import InputError
-from counterlight.remote.addresses import Address, is_loopback, reachable
-from counterlight.remote.tokens import default_path, token_at
+from counterlight.remote.addresses import Address, default_path, is_loopback, reachable, token_at
 from counterlight.show.control import Clients
 from counterlight.show.registry import Commands
 from counterlight.unattended.json_lines import encode

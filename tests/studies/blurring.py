@@ -18,7 +18,7 @@ from counterlight.tools.blurring import choice
 from counterlight.tools.blurring.pruning import in_cells
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.shipped import parse_scene
-from counterlight.tools.simulation import camera_side
+from counterlight.tools.simulation import bands
 from counterlight.tools.simulation.effects_on import EffectsOn
 from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.needs import needs_of
@@ -52,7 +52,7 @@ def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
     scene = load_scene(parse_scene("two_planes")).resized(SIZE, SIZE)
     simulation = _Simulation(scene, needs_of(scene))
     simulation.prepare()
-    all_rays, all_points = camera_side.primary_rays, LensPoints.of
+    all_rays, all_points = bands.primary_rays, LensPoints.of
 
     def some_rays(scene: Scene, rows: range, effects: EffectsOn) -> Rays:
         rays = all_rays(scene, rows, effects)
@@ -62,7 +62,7 @@ def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
     def points(lens: LensPoints, pixels: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
         return all_points(lens, pixels + sampling * OTHER_POINTS, count)
 
-    with patch.object(camera_side, "primary_rays", some_rays), patch.object(LensPoints, "of", points):
+    with patch.object(bands, "primary_rays", some_rays), patch.object(LensPoints, "of", points):
         parts = []
         for top in range(lines.start, lines.stop, BAND):
             band = range(top, min(top + BAND, lines.stop))

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.media.video import Frame
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.content import psnr as decibels

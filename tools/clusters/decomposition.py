@@ -3,7 +3,7 @@
 The projector pixels that a camera pixel sees are grouped into blocks of neighbours, each around the strongest
 connection that is in no block yet. Within a block, connections of at most τ₁ times the strongest are removed. A
 projector pixel that lost all connections gets back those of at least τ₂ times its strongest. Energy is then fitted
-(energy.py).
+(connections.py).
 
 The pseudo-code leaves some choices, which are made as follows:
 
@@ -31,9 +31,7 @@ from counterlight.errors import InputError
 from counterlight.maps.products import kept
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
-from counterlight.tools.clusters.connections import Connections, connections_of
-from counterlight.tools.clusters.energy import fit_composition
-from counterlight.tools.clusters.neighbourhoods import strongest_of_block
+from counterlight.tools.clusters.connections import Connections, connections_of, fit_composition, strongest_of_block
 
 
 @dataclass(frozen=True)

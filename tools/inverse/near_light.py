@@ -14,9 +14,8 @@ from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.raster import Region
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES
-from counterlight.tools.clusters.components import Clusters, find_clusters, no_clusters
+from counterlight.tools.clusters.components import Clusters, find_clusters, no_clusters, refuse_not_finite
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, Report, decompose
-from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_values

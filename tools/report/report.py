@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.pipeline.operators import compensation
 from counterlight.tools.inverse.build import BuiltRoom
 from counterlight.tools.relighting.pictures import encoded, white_level

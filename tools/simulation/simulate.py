@@ -15,8 +15,7 @@ from counterlight.errors import InputError
 from counterlight.tools.blurring.blurring import Blurring
 from counterlight.tools.choices import BLUR_TOLERANCE, MOST_TOLERANCE
 from counterlight.tools.simulation.assembly import ADVICE, Blur, NearLight, summed
-from counterlight.tools.simulation.bands import Band, Elsewhere, SceneSource
-from counterlight.tools.simulation.camera_side import albedo_of, camera_samples, paint_of
+from counterlight.tools.simulation.bands import Band, Elsewhere, SceneSource, albedo_of, camera_samples, paint_of
 from counterlight.tools.simulation.effects_on import Costs, EffectsOn
 from counterlight.tools.simulation.needs import MOVES, TAKES, Need, chosen, needs_of
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples

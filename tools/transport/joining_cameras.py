@@ -23,7 +23,7 @@ from counterlight.response import Response
 from counterlight.screen import parts_of, raster_of
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import factored
-from counterlight.tools.hdr.response_table import NODES
+from counterlight.tools.hdr.camera_response import NODES
 from counterlight.tools.transport.joining import with_monitors
 from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
