@@ -20,13 +20,15 @@ from scipy.ndimage import uniform_filter
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.response import Response
+from counterlight.tools.acquisition.cameras.camera import LINEAR
 from counterlight.tools.acquisition.linearity import cells_of
 from counterlight.tools.acquisition.plan import Picture
-from counterlight.tools.hdr.response_table import NODES, table_response
+from counterlight.tools.hdr.camera_response import NODES, table_response
 
 PARTS = 4
 PAIRS = (0, 1), (2, 3), (0, 2), (1, 3), (0, 3), (1, 2)
 GREYS = np.arange(32, 256, 32, dtype=np.uint8)
+CURVE_PICTURES = PARTS + len(PAIRS) + len(GREYS)
 SAMPLES = 1000  # camera pixels per channel
 SPLINES, DEGREE = 24, 3
 CONTRAST = 0.1  # error of a code as a share of the contrast around it: JPEG, sharpening, noise reduction
@@ -49,7 +51,7 @@ DARKEST, DARK = 0.005, 0.02  # share of the camera's pixels that see no light in
 class Curve:
     """A measured curve.
 
-    response : curve of each channel.
+    response : the curve; linear if it cannot be told from a straight line.
     error : RMS error of the light over the codes seen, as a share of white, estimated from two halves of the pixels.
     bent : largest difference from a straight line between black and white, as a share of white.
     """
@@ -60,11 +62,13 @@ class Curve:
 
     @property
     def is_straight(self) -> bool:
-        return self.bent <= max(STRAIGHT, SURELY * self.error)
+        return self.response == LINEAR
 
     def __str__(self) -> str:
+        if self.is_straight:
+            return f"linear to {100 * self.bent:.1f} % of white"
         return (
-            f"curve measured to {100 * self.error:.2g} % of white; it differs from a linear camera by up to "
+            f"has a curve, measured to {100 * self.error:.2g} % of white; it differs from a linear camera by up to "
             f"{100 * self.bent:.0f} %"
         )
 
@@ -97,7 +101,8 @@ def measure_curve(codes: Sequence[FloatArray], usable: BoolArray, step: float) -
     column = fit.light(np.linspace(0, 1, NODES))
     nothing = _nothing(fit, codes[0], codes[1])
     column = np.maximum(column - nothing, 0) / (column[-1] - nothing)
-    return Curve(table_response(np.repeat(column[:, None], 3, axis=1)), error, bent)
+    straight = bent <= max(STRAIGHT, SURELY * error)
+    return Curve(LINEAR if straight else table_response(column[:, None]), error, bent)
 
 
 def _between(light: FloatArray) -> FloatArray:
