@@ -28,10 +28,10 @@ from counterlight.errors import InputError
 from counterlight.raster import Shape, side_by_side
 from counterlight.response import Response
 from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, random_pixels
-from counterlight.tools.acquisition.cameras.camera import Camera, Shot
+from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
-from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_pictures, measure_curve
+from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_of, curve_pictures
 from counterlight.tools.acquisition.linearity import SHOTS, Bend, bends_of, refuse_bends, shown_halves
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.pace import Clock
@@ -166,22 +166,11 @@ def _measured_curve(
     seen = part.capture(Level("the camera's curve", curve_pictures(part.projector), part.expected))
     if camera.exposures.known:
         return None
-    codes = camera.exposures.codes
-    levels = [
-        mean_of([codes(captures.shots(number + repeat * (parts + 1))) for repeat in range(REPEATS)])
-        for number in (0, part.number)
-    ]
-    shots = captures.shots(part.number)
-    usable = ~camera.exposures.saturated(shots) & ~camera.exposures.saturated(captures.shots(0))
-    found = measure_curve([*levels, *(codes(seen.shots(i)) for i in range(len(seen)))], usable, _step(shots))
-    if not found.is_straight:
-        store.develop(found.response)
+    found = curve_of(
+        [captures.shots(0), captures.shots(part.number), *(seen.shots(i) for i in range(len(seen)))], camera.exposures
+    )
+    store.develop(found.response)
     return found
-
-
-def _step(shots: Sequence[Shot]) -> float:
-    """Returns the step of a code value as a share of the range."""
-    return 1 / float(np.iinfo(shots[0].dtype).max)
 
 
 def _told_first(part: Part) -> list[Picture]:

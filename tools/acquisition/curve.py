@@ -20,7 +20,7 @@ from scipy.ndimage import uniform_filter
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.acquisition.cameras.camera import LINEAR
+from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.linearity import cells_of
 from counterlight.tools.acquisition.plan import Picture
 from counterlight.tools.hdr.camera_response import NODES, table_response
@@ -79,6 +79,16 @@ def curve_pictures(projector: tuple[int, int]) -> list[Picture]:
     shown: list[Picture] = [np.asarray(parts == part) for part in range(PARTS)]
     shown += [np.asarray((parts == first) | (parts == second)) for first, second in PAIRS]
     return shown + [np.full((*projector, 3), grey, np.uint8) for grey in GREYS]
+
+
+def curve_of(shots: Sequence[Sequence[Shot]], exposures: Exposures) -> Curve:
+    """Measure the curve from captures of black, white and `curve_pictures`.
+
+    shots : of each picture.
+    """
+    usable = ~(exposures.saturated(shots[0]) | exposures.saturated(shots[1]))
+    step = 1 / float(np.iinfo(shots[0][0].dtype).max)
+    return measure_curve([exposures.codes(each) for each in shots], usable, step)
 
 
 def measure_curve(codes: Sequence[FloatArray], usable: BoolArray, step: float) -> Curve:

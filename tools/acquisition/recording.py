@@ -290,10 +290,15 @@ class Part:
         return self._recorder.capture(part, repeatedly=repeatedly)
 
     def in_raster(self, picture: Picture) -> Picture:
-        shown = np.zeros((*self._raster, *picture.shape[2:]), picture.dtype)
-        shown[self._region.part] = picture
-        return shown
+        return in_raster(picture, self._raster, self._region)
 
     def taken(self) -> tuple[int, int, float, int]:
         """Returns pictures, exposures, seconds and resumed captures since the previous projector's call."""
         return self._recorder.taken_since()
+
+
+def in_raster(picture: Picture, raster: Shape, region: Region) -> Picture:
+    """Returns a projector's picture in its region of the raster, which is black elsewhere."""
+    shown = np.zeros((*raster, *picture.shape[2:]), picture.dtype)
+    shown[region.part] = picture
+    return shown
