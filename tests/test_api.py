@@ -443,7 +443,7 @@ def test_whatever_it_returns_is_one_line(room: cl.Room, maps: RoomMaps) -> None:
         "Calibration",
         "RowMap",
         "SparseRows",
-        "FarLight",
+        "Chain",
         "Response",
         "Tier",
     }

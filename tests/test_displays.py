@@ -19,7 +19,7 @@ from counterlight.show.from_options import monitors_of, room_of
 from counterlight.show.options import read_options
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
-from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
@@ -60,7 +60,7 @@ def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Ge
     transport, parts = read_transport(stored), [read_transport(calibration.read(room)) for room in rooms]
     assert (transport.far is not None) == (scene == "corner")
     if transport.far is not None and parts[0].far is not None:
-        assert transport.far.cells == parts[0].far.cells  # the same cells for every projector
+        assert transport.far.scatter.columns == parts[0].far.scatter.columns  # the same cells for every projector
     drive = rng.uniform(size=(*joint.projector.shape, 3))
     lit = zip(parts, pictures(drive, joint.regions), strict=True)
     expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)

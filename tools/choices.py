@@ -1,7 +1,7 @@
 """The names that options take, without their meaning, so that help and completion need no library."""
 
 COLOURS = ("auto", "independent", "global", "pixel")  # tools/colour/tiers.py
-SCREENS = ("camera", "projector")  # tools/transport/shared_screen.py
+SCREENS = ("camera", "projector")  # tools/joining/shared_screen.py
 OUTSIDE = ("black", "continue")  # tools/transport/objective.py
 INVERSE_METHODS = ("auto", "clustered", "windowed")  # tools/inverse/method.py
 INVERSES = ("auto", "whole", "cut", "none", "thesis")  # tools/inverse/near_light.py
@@ -16,4 +16,4 @@ STUDIED_PICTURES = ("photograph", "text", "gradient", "white", "dark-film", "fil
 USUAL_PICTURES = STUDIED_PICTURES[:5]
 MOST_LAG = 20  # frames, tools/acquisition/cameras/simulated.py
 TOLERANCE, MOST_TOLERANCE = 0.1, 10.0  # dB, tools/factoring/factoring.py
-BLUR_TOLERANCE = 0.2  # dB, tools/blurring/choice.py
+BLUR_TOLERANCE = 0.2  # dB, tools/blurring/blurring.py

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.room_maps import BlurredMaps, FarMaps
+from counterlight.maps.room_maps import MapChain
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.adjustments import Adjustments
@@ -136,9 +136,9 @@ class StoredMaps(Protocol):
 class ChainPass:
     """A chain of far or blurred light: target = base ± scatter · (mix ·) gather · source."""
 
-    def __init__(self, stored: StoredMaps, maps: FarMaps | BlurredMaps, combine: str) -> None:
-        *first, last = maps.parts
-        self._first = [stored.of(part).product() for part in first]
+    def __init__(self, stored: StoredMaps, chain: MapChain, combine: str) -> None:
+        *first, last = chain.factors
+        self._first = [stored.of(factor).product() for factor in first]
         self._last = stored.of(last).product(combine)
 
     def run(self, source: Light, base: Light) -> Light:

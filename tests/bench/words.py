@@ -67,9 +67,9 @@ def frame_bytes(maps: RoomMaps, played: Recommendation, words: Mapping[int, Word
     """Returns the bytes that the products of a frame read, with each byte of a map once per product."""
     assert maps.refinement is not None
     direct = played.start == "previous-direct"
-    first = [maps.refinement.direct] if direct else [maps.correction, *([] if maps.undo is None else maps.undo.parts)]
-    beside = [part for chain in (*maps.beside, *maps.refinement.beside) for part in chain.parts]
-    step = [maps.transport, maps.refinement.dual, *beside]
+    first = [maps.refinement.direct] if direct else [maps.correction, *([] if maps.undo is None else maps.undo.factors)]
+    others = [part for chain in (*maps.chains, *maps.refinement.chains) for part in chain.factors]
+    step = [maps.transport, maps.refinement.dual, *others]
     return sum(map_bytes(each, words) for each in first) + played.steps * sum(map_bytes(each, words) for each in step)
 
 
