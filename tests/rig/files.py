@@ -80,6 +80,8 @@ CURVES = {
     "vendor": _vendor,
     "S": _contrast,
     "srgb, then S": lambda light: _contrast(_srgb(light)),
+    "raised": lambda light: 0.1 + 0.9 * np.sqrt(light),
+    "logarithm": lambda light: np.log1p(40 * light) / np.log(41),
     "weak S": lambda light: 0.6 * light + 0.4 * _contrast(light),
 }
 RAW = Stored(bits=16)

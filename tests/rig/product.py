@@ -94,7 +94,7 @@ def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *wo
     camera = "--camera", f"folder:{exchange}", "--projector", f"{width}x{height}", "--wait", WAIT_S
     with log.open("w") as errors, running(*verb(name), *words, *camera, errors=errors.fileno()) as process:
         while process.poll() is None:
-            _photograph_new(rig, exchange, seed)
+            photograph_new(rig, exchange, seed)
             time.sleep(POLL_S)
         assert process.stdout
         said = process.stdout.read()
@@ -102,7 +102,7 @@ def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *wo
     return said
 
 
-def _photograph_new(rig: Rig, exchange: Path, seed: int) -> None:
+def photograph_new(rig: Rig, exchange: Path, seed: int) -> None:
     """Photograph patterns without a capture. Captures are renamed into place, so that no process reads half a file."""
     stored = rig.devices.stored
     for path in sorted((exchange / "patterns").glob("[0-9]*.png")):
