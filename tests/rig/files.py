@@ -19,11 +19,15 @@ class Stored:
     curve : one of CURVES, or a number as gamma.
     bits : 16, as the sensor gives them, or 8.
     quality : of JPEG with halved colours (4:2:0); 0 for PNG.
+    smoothing : radius in pixels of a blur that reduces noise, before the curve.
+    sharpening : share of the difference from a blur by a pixel that is added, after the curve.
     """
 
     curve: str | float = "linear"
     bits: int = 8
     quality: int = 0
+    smoothing: float = 0.0
+    sharpening: float = 0.0
 
     @property
     def suffix(self) -> str:
@@ -51,7 +55,11 @@ class Stored:
     def _developed(self, sensor: NDArray[np.uint16]) -> NDArray[Any]:
         """Returns the codes before they are compressed."""
         light = sensor / FULL
+        if self.smoothing:
+            light = cv2.GaussianBlur(light, (0, 0), self.smoothing)
         seen = light ** (1 / self.curve) if isinstance(self.curve, float) else CURVES[self.curve](light)
+        if self.sharpening:
+            seen = np.clip(seen + self.sharpening * (seen - cv2.GaussianBlur(seen, (0, 0), 1.0)), 0, 1)
         full = (1 << self.bits) - 1
         return np.rint(full * seen).astype(np.uint8 if self.bits == 8 else np.uint16)
 

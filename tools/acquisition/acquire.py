@@ -166,9 +166,8 @@ def _measured_curve(
     seen = part.capture(Level("the camera's curve", curve_pictures(part.projector), part.expected))
     if camera.exposures.known:
         return None
-    found = curve_of(
-        [captures.shots(0), captures.shots(part.number), *(seen.shots(i) for i in range(len(seen)))], camera.exposures
-    )
+    black, white, again = (captures.shots(number) for number in (0, part.number, part.number + parts + 1))
+    found = curve_of([black, white, *(seen.shots(i) for i in range(len(seen)))], camera.exposures, again)
     store.develop(found.response)
     return found
 

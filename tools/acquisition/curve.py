@@ -1,17 +1,17 @@
 """Measure the camera's curve (code value → light) from pictures whose light adds up, for any projector.
 
-The projector pixels are divided into four parts of superposed cells of all sizes. With the light L_m of part m, a
-camera pixel's light of black, white, each part and each pair of parts is g(z) = L_0 + Σ L_m; of a full grey of code v it
-is L_0 + s_v Σ L_m. Curve g, shares s_v and the light of every camera pixel are unknown. Parts fix the exponent of g, and
-greys, which have no edges that JPEG or sharpening could change, fix its shape.
+The projector pixels are divided into four parts of superposed cells of all sizes. Let L_m be the light of part m at a
+camera pixel. Black, white, each part and each pair of parts then give g(z) = L_0 + Σ L_m, and a full grey of code v
+gives L_0 + s_v Σ L_m. Curve g, shares s_v and the light of every camera pixel are unknown. Parts fix the exponent of g.
+Greys, which have no edges that JPEG or sharpening could change, fix its shape.
 
-The codes z have errors, and so minimising Σ (g(z) − light)² alone would flatten g. Each residual is therefore divided by
-g'(z) σ, with σ the error of its code (errors in variables; Sampson 1982). The light of the pixels is eliminated, and
+The codes z have errors, so that minimising Σ (g(z) − light)² alone would flatten g. Each residual is therefore divided
+by g'(z) σ, with σ the error of its code (errors in variables; Sampson 1982). The light of the pixels is eliminated, and
 Gauss-Newton steps find log slopes of g and shares (variable projection; Golub and Pereyra 1973).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -20,6 +20,7 @@ from scipy.ndimage import uniform_filter
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.response import Response
+from counterlight.tools.acquisition.camera_files import traces
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.linearity import cells_of
 from counterlight.tools.acquisition.plan import Picture
@@ -42,7 +43,7 @@ STEPS, ENOUGH = 20, 1e-5  # Gauss-Newton steps; relative gain of a step that end
 ROBUST = 3.0  # multiple of the median misfit, from which on a pixel counts much less
 LEAST_CLEAR = 20  # multiple of a code's step that white must rise above black
 FEWEST = 100  # camera pixels
-STRAIGHT = 0.01  # share of white; curves closer to a straight line are taken as linear
+STRAIGHT = 0.02  # share of white; curves closer to a straight line count as linear (1.4 % for a linear JPEG of 75)
 SURELY = 3.0  # multiple of the curve's error, likewise
 DARKEST, DARK = 0.005, 0.02  # share of the camera's pixels that see no light in black, unless it exceeds this light
 
@@ -52,13 +53,15 @@ class Curve:
     """A measured curve.
 
     response : the curve; linear if it cannot be told from a straight line.
-    error : RMS error of the light over the codes seen, as a share of white, estimated from two halves of the pixels.
+    error : RMS error of the light as a share of white, from the difference between curves of two halves of the pixels.
     bent : largest difference from a straight line between black and white, as a share of white.
+    files : what the camera does to its pictures, in words.
     """
 
     response: Response
     error: float
     bent: float
+    files: str = ""
 
     @property
     def is_straight(self) -> bool:
@@ -66,10 +69,10 @@ class Curve:
 
     def __str__(self) -> str:
         if self.is_straight:
-            return f"linear to {100 * self.bent:.1f} % of white"
+            return f"{self.files}; linear to {100 * self.bent:.1f} % of white"
         return (
-            f"has a curve, measured to {100 * self.error:.2g} % of white; it differs from a linear camera by up to "
-            f"{100 * self.bent:.0f} %"
+            f"{self.files}; a curve, measured to {100 * self.error:.2g} % of white, up to {100 * self.bent:.0f} % off "
+            "a linear camera"
         )
 
 
@@ -81,14 +84,18 @@ def curve_pictures(projector: tuple[int, int]) -> list[Picture]:
     return shown + [np.full((*projector, 3), grey, np.uint8) for grey in GREYS]
 
 
-def curve_of(shots: Sequence[Sequence[Shot]], exposures: Exposures) -> Curve:
+def curve_of(shots: Sequence[Sequence[Shot]], exposures: Exposures, again: Sequence[Shot] | None = None) -> Curve:
     """Measure the curve from captures of black, white and `curve_pictures`.
 
     shots : of each picture.
+    again : another capture of white, which reveals noise reduction.
     """
     usable = ~(exposures.saturated(shots[0]) | exposures.saturated(shots[1]))
-    step = 1 / float(np.iinfo(shots[0][0].dtype).max)
-    return measure_curve([exposures.codes(each) for each in shots], usable, step)
+    codes = [exposures.codes(each) for each in shots]
+    white = [codes[1]] if again is None else [codes[1], exposures.codes(again)]
+    kind = shots[0][0].dtype
+    files = traces(white, codes[2 : -len(GREYS)], eight_bits=kind == np.uint8)
+    return replace(measure_curve(codes, usable, 1 / float(np.iinfo(kind).max)), files=files)
 
 
 def measure_curve(codes: Sequence[FloatArray], usable: BoolArray, step: float) -> Curve:
@@ -285,7 +292,7 @@ class _State:
 
 
 def _sums() -> FloatArray:
-    """Returns which of L_0 and the parts' light each picture shows, (pictures, 1 + PARTS); greys are filled in later."""
+    """Returns the share of L_0 and of each part's light in each picture, (pictures, 1 + PARTS); 0 for greys."""
     lit = [(), range(PARTS), *((part,) for part in range(PARTS)), *PAIRS, *[()] * len(GREYS)]
     return np.array([[1, *(part in each for part in range(PARTS))] for each in lit], np.float64)
 

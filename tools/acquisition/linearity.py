@@ -169,9 +169,7 @@ def bends_of(camera: Camera, room: Reference, picture: FloatArray, complement: F
     ]
 
 
-def refuse_bends(
-    camera: Camera, bends: Sequence[Bend | None], name: str = "", *, measured: bool = False
-) -> None:
+def refuse_bends(camera: Camera, bends: Sequence[Bend | None], name: str = "", *, measured: bool = False) -> None:
     """Raises InputError if a bend is not that of a linear camera.
 
     name : prefix that names the projector.
@@ -180,4 +178,6 @@ def refuse_bends(
     for number, bend in enumerate(bends, 1):
         if bend is not None and not bend.is_linear:
             who = f"{name}camera {number}: " if len(bends) > 1 else name
-            raise InputError(f"{who}light does not add up in the captures: {bend.told(camera.exposures.response, measured=measured)}")
+            raise InputError(
+                f"{who}light does not add up in the captures: {bend.told(camera.exposures.response, measured=measured)}"
+            )
