@@ -96,7 +96,10 @@ SHARP = Stored("srgb", sharpening=0.7)
         (Stored("srgb"), "8 bits"),
         (JPEG, "8-bit JPEG, colour at half resolution"),
         (SHARP, "8 bits, sharpened (switch it off, it falsifies the curve)"),
-        (replace(SHARP, quality=75), "8-bit JPEG, colour at half resolution, sharpened (switch it off, it falsifies the curve)"),
+        (
+            replace(SHARP, quality=75),
+            "8-bit JPEG, colour at half resolution, sharpened (switch it off, it falsifies the curve)",
+        ),
         (Stored(2.2, bits=16, smoothing=1.0), "more than 8 bits, noise reduced"),
     ],
 )

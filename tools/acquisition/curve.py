@@ -36,7 +36,7 @@ CONTRAST = 0.1  # error of a code as a share of the contrast around it: JPEG, sh
 AROUND = 5  # camera pixels
 STEP = 0.3  # of a code value: error of a code in flat surroundings, as 1/√12 of a step
 FINEST = 1 / 1000  # share of the range; steps of finer cameras do not limit the fit
-SMOOTH = 0.1  # standard deviation of the second differences of log slopes
+SMOOTH = 0.03  # standard deviation of the second differences of log slopes; 0.1 continues sRGB to the top 0.9 % wrong
 TOE = 0.05  # the fit starts with the best of these exponents of code + TOE
 EXPONENTS = 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.4, 3.0
 STEPS, ENOUGH = 20, 1e-5  # Gauss-Newton steps; relative gain of a step that ends the fit
@@ -163,7 +163,7 @@ def _sampled(codes: Sequence[FloatArray], usable: BoolArray, step: float) -> _Da
     around = np.stack([_contrast(each).reshape(-1, 3)[pixels] for each in codes])
     errors = np.sqrt((STEP * step) ** 2 + (CONTRAST * around) ** 2)
     channels = np.tile(np.arange(3), len(pixels))
-    return _Data(*(each.reshape(len(codes), -1).T for each in (seen, errors)), channels)
+    return _Data(seen.reshape(len(codes), -1).T, errors.reshape(len(codes), -1).T, channels)
 
 
 def _contrast(picture: FloatArray) -> FloatArray:
@@ -244,7 +244,7 @@ class _Fit:
         sums = np.repeat(self._sums[None], len(spread), axis=0)
         sums[:, -len(GREYS) :, 1:] = shares[self._data.channels][:, :, None]
         A = sums / spread[..., None]
-        inverse = np.linalg.inv(A.transpose(0, 2, 1) @ A)
+        inverse = np.asarray(np.linalg.inv(A.transpose(0, 2, 1) @ A), np.float64)
         light = (self._value @ rises) / spread
         parts = (inverse @ (A.transpose(0, 2, 1) @ light[..., None]))[..., 0]
         return _State(rises, spread, A, inverse, parts, light - (A @ parts[..., None])[..., 0])
