@@ -338,8 +338,8 @@ def _projector_to_toml(projector: Device) -> dict[str, Any]:
     response = projector.response
     table: dict[str, Any] = {"width": projector.width, "height": projector.height, "response": response.to_toml()}
     segment = None if response.segment is None else [list(row) for row in response.segment.samples]
-    beside = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
-    return table | {name: value for name, value in beside.items() if value is not None}
+    optional = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
+    return table | {name: value for name, value in optional.items() if value is not None}
 
 
 def _read_projector(table: Table) -> Device:

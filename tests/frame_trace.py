@@ -69,8 +69,8 @@ class TracingDevice(CpuDevice):
     ) -> Any:
         return Recorded(super().make_pass(shader, shape, defines, **uniforms), shader, self.noted)
 
-    def store(self, room: Room, path: str) -> Any:
-        return RecordedMaps(super().store(room, path), self.noted)
+    def store(self, room: Room) -> Any:
+        return RecordedMaps(super().store(room), self.noted)
 
     def planes(self, pixels: PixelFormat) -> Any:
         return Recorded(super().planes(pixels), "planes", self.noted)
@@ -85,7 +85,7 @@ class TracingDevice(CpuDevice):
 def trace(room: Room, frame: Any, steps: int) -> list[str]:
     """Passes of the second of two equal frames; the first frame fills caches that later frames use."""
     device = TracingDevice()
-    renderer = Renderer(device, room, "cpu")
+    renderer = Renderer(device, room)
     renderer.open(frame.format)
     for _ in range(2):
         renderer.upload(frame)

@@ -16,7 +16,7 @@ from counterlight.files.picture_files import read_picture
 from counterlight.media.decoding.media import open_source
 from counterlight.media.medium import Medium
 from counterlight.response import Response, named_response
-from counterlight.show.options import read_options
+from counterlight.show.command_line import read_options
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.matrices_room import read_ambient
 from counterlight.tools.acquisition.store import SESSION, Wanted, open_store

@@ -15,7 +15,7 @@ SCRIPT = """
 import counterlight.maps.products
 import atexit, json, multiprocessing.process, os, resource, signal, sys, tempfile, threading
 print(json.dumps({
-    "name": __name__, "file": __file__, "words": sys.argv, "path": sys.path, "flags": list(sys.flags),
+    "name": __name__, "file": globals().get("__file__"), "words": sys.argv, "path": sys.path, "flags": list(sys.flags),
     "folder": [os.getcwd(), multiprocessing.process.ORIGINAL_DIR], "temporary": tempfile.gettempdir(),
     "environment": dict(os.environ), "open": [n for n in range(99) if os.path.exists(f"/proc/self/fd/{n}")],
     "umask": os.umask(0), "limit": resource.getrlimit(resource.RLIMIT_CORE), "threads": threading.active_count(),
@@ -30,18 +30,15 @@ sys.exit(int(sys.argv[1]))
 """
 
 
-@pytest.fixture
-def script(tmp_path: Path) -> str:
+@pytest.mark.parametrize("program", [["FOLDER/script.py"], ["-m", "script"], ["-c", SCRIPT]], ids=["", "-m", "-c"])
+def test_a_copy_finds_what_a_program_started_anew_finds(program: list[str], tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
-    return str(tmp_path / "script.py")
-
-
-def test_a_copy_finds_what_a_program_started_anew_finds(script: str, tmp_path: Path) -> None:
+    program = [word.replace("FOLDER", str(tmp_path)) for word in program]
     variables = os.environ | {"TMPDIR": str(tmp_path), "XDG_CONFIG_HOME": "elsewhere"}
     assert not read_early(variables)
-    copy = Copy([script, "7", "ü"], variables, tmp_path, subprocess.PIPE)
+    copy = Copy([*program, "7", "ü"], variables, tmp_path, subprocess.PIPE)
     found, errors = copy.communicate(timeout=60)
-    words = [sys.executable, script, "7", "ü"]
+    words = [sys.executable, *program, "7", "ü"]
     anew = subprocess.run(words, env=variables, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert json.loads(found) == json.loads(anew.stdout)
     assert (errors, copy.returncode, copy.wait()) == (anew.stderr, 7, 7)

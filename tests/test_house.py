@@ -196,13 +196,13 @@ def test_only_player_gl_imports_moderngl_and_glfw() -> None:
 
 
 def test_every_import_is_a_declared_dependency() -> None:
-    providers = metadata.packages_distributions()
+    providers, known = metadata.packages_distributions(), declared()
     ours = {"counterlight", "tests"} | sys.stdlib_module_names
     undeclared = {
         f"{path.relative_to(ROOT)}: {name}"
         for path in sources("player", "tools", "tests")
         for name in roots(path) - ours
-        if not declared() & {normal_name(provider) for provider in [name, *providers.get(name, [])]}
+        if not known & {normal_name(provider) for provider in [name, *providers.get(name, [])]}
     }
     assert undeclared == set()
 
@@ -302,7 +302,5 @@ def test_every_promise_of_docs_security_has_a_test() -> None:
     named = [re.findall(r"`(test_\w+)`", row.rpartition(" | ")[2]) for row in promises]
     assert len(named) > 20
     assert [row for row, names in zip(promises, named, strict=True) if not names] == []
-    there = {
-        node.name for path in sources("tests") for node in ast.walk(parsed(path)) if isinstance(node, ast.FunctionDef)
-    }
+    there = {name for path in sources("tests") for name in re.findall(r"^ *def (test_\w+)", path.read_text(), re.M)}
     assert {name for names in named for name in names} - there == set()

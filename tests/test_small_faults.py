@@ -13,7 +13,7 @@ from counterlight.media.decoding.ffmpeg_source import known_tags
 from counterlight.media.decoding.opening import reason
 from counterlight.media.medium import Medium
 from counterlight.overlay.osd import Page, draw
-from counterlight.show.options import read_options
+from counterlight.show.command_line import read_options
 from tests.media import read
 from tests.stage import Stage
 

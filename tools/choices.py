@@ -3,7 +3,6 @@
 COLOURS = ("auto", "independent", "global", "pixel")  # tools/colour/tiers.py
 SCREENS = ("camera", "projector")  # tools/joining/shared_screen.py
 OUTSIDE = ("black", "continue")  # tools/transport/objective.py
-INVERSE_METHODS = ("auto", "clustered", "windowed")  # tools/inverse/method.py
 INVERSES = ("auto", "whole", "cut", "none", "thesis")  # tools/inverse/near_light.py
 SCHEMES = ("hierarchical", "multiplexed", "graycode")  # tools/acquire_transport.py
 GRAYCODE_ORDERS = ("opencv", "sltk")  # tools/acquisition/captures.py

@@ -122,6 +122,15 @@ class SparseRows:
         kept = self.where(place[self.indices] >= 0)
         return replace(kept, indices=place[kept.indices], columns=chosen.size)
 
+    def ascending(self) -> "SparseRows":
+        """Sort the entries of each row by column."""
+        rises = np.diff(self.indices, prepend=-1) > 0
+        rises[self.indptr[:-1][self.lengths > 0]] = True
+        if rises.all():
+            return self
+        order = np.lexsort((self.indices, self.rows))
+        return replace(self, indices=self.indices[order], weights=self.weights[order])
+
     def inside(self, mask: NDArray[np.bool_]) -> "SparseRows":
         """Empty the rows outside a mask (rows,), and drop entries of 0."""
         return self.where((self.weights != 0).any(axis=1) & mask[self.rows])
@@ -401,7 +410,7 @@ def read_texture(
             raise InputError(f"{file.name}: its channels are not {np.dtype(dtype).name}; {fix}")
         look(rows)
 
-    return exr.read_beside(file, names, accept, of_the_type, MOST_TEXELS)
+    return exr.read_stacked(file, names, accept, of_the_type, MOST_TEXELS)
 
 
 def size_of(shape: tuple[int, int]) -> list[int]:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from counterlight.errors import InputError
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK, PAGE_PORT = "127.0.0.1", 8642  # the usual address of the page
 BACKLOG = 64
 _DOCUMENTATION = "192.0.2.1", 9  # an unused address; nothing is sent, only the route is looked up
 

@@ -9,8 +9,7 @@ from typing import Any
 
 from counterlight.command import tell
 from counterlight.files.picture_files import write_png
-from counterlight.pipeline.parameters import FLAG
-from counterlight.pipeline.value_types import Choice, Number, UnreadError
+from counterlight.pipeline.value_types import FLAG, Choice, Number, UnreadError
 from counterlight.show.look import read_again
 from counterlight.show.placing import Placing
 from counterlight.show.previews import PREVIEWS, Previews

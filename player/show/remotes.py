@@ -17,7 +17,6 @@ from counterlight.show.control import Clients
 from counterlight.show.registry import Commands
 from counterlight.unattended.json_lines import encode
 
-PORT = 8642  # default port of the page
 ENDING_S = 1.0
 REST_S, LONGEST_REST_S = 1.0, 60.0  # pause before a process that died is started again
 

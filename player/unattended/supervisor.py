@@ -381,6 +381,7 @@ def supervise(
     safe: str,
     monitors: Sequence[str],
     fullscreen: bool,
+    plain_options: Sequence[str],
     notify_socket: str | None,
     schedule: Callable[[], Schedule] | None = None,
 ) -> int:
@@ -390,11 +391,11 @@ def supervise(
     safe : one of SAFE.
     monitors : where black is shown; empty for the primary monitor.
     fullscreen : whether the show fills the monitors, above the curtain.
+    plain_options : options that show the media without compensation.
     notify_socket : value of NOTIFY_SOCKET, None without a service manager.
     schedule : returns the present schedule; None for a show that always plays.
     """
     python = [sys.executable, "-P", "-m"]
-    plain_options = "--no-compensation", "--refine=0", "--view=projector"
 
     def play(resume: Sequence[str], *options: str) -> list[str]:
         return [

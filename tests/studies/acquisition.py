@@ -1,7 +1,7 @@
 """Cost and quality of each acquisition scheme: python -m tests.studies.acquisition.
 
-Fills docs/acquisition.csv, prints it as the table of docs/tables/schemes.md and draws docs/acquisition.png. Existing rows
-are kept (`--again` measures them, and only prints). Each row is written as soon as it is known. Every room is
+Fills docs/acquisition.csv, prints it as the table of docs/tables/schemes.md and draws docs/acquisition.png. Existing
+rows are kept (`--again` measures them, and only prints). Each row is written as soon as it is known. Every room is
 simulated, with a camera of 14 bits, 20 000 electrons full well and 5 electrons read noise. N shots are simulated as one
 shot of N times the electrons, which equals their sum. The error of T is relative, in the Frobenius norm, against the
 noise-free truth, far light included. Compensation is the box-constrained optimum of the acquired room, to 0.04 dB,

@@ -36,7 +36,7 @@ class RigCamera:
     name = "rig"
 
     def __init__(self, rig: Rig, exposures: Exposures = LINEAR) -> None:
-        self._rig, self.exposures = rig, exposures
+        self._rig, self.exposures, self.raster = rig, exposures, rig.raster
 
     def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None: ...
 

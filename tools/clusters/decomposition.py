@@ -49,10 +49,13 @@ class Parameters:
 
     def __post_init__(self) -> None:
         if not 0 <= self.radius < math.inf:
-            raise InputError(f"--radius {self.radius}: expected 0 or more projector pixels")
-        for option, value in (("--tau-1", self.tau_1), ("--tau-2", self.tau_2)):
+            raise InputError(f"--cut {self}: found radius {self.radius:g}, expected 0 or more projector pixels")
+        for name, value in (("TAU_1", self.tau_1), ("TAU_2", self.tau_2)):
             if not 0 <= value <= 1:
-                raise InputError(f"{option} {value}: expected a fraction from 0 to 1")
+                raise InputError(f"--cut {self}: found {name} {value:g}, expected a fraction from 0 to 1")
+
+    def __str__(self) -> str:
+        return f"{self.radius:g} {self.tau_1:g} {self.tau_2:g}"
 
 
 @dataclass(frozen=True)
