@@ -1,0 +1,181 @@
+"""Fit what a camera sees of a projector picture, to pairs.
+
+c_k(y) = g_k (e_k(y) + s_k(y) Σ_d h_kd(y) v_k(y + d) + Σ_l m_kl(y) v_l(y) + Σ_j q_kj(y) (G_j s_k v_k)(y))
+
+v is the picture's light, φ(code), at the places that the camera sees. h is the spread over a window, m mixes the other
+primaries in, and the blurs G_j are the halo. Every coefficient is fitted three times by regularised least squares: per
+large cell of the camera picture, per small cell, and per pixel, each level to what the previous level left over.
+With few pairs the data say little about single pixels, so they keep the values of their cells.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.tools.pairs.geometry import Pictures, regression
+
+REACH = 2  # pixels from the middle of the window of h to its edge
+HALO = 3.0, 8.0, 24.0, 72.0  # standard deviations of the blurs G_j in camera pixels
+CELLS = 48, 12, 1  # camera pixels per side of each level's cells
+SCALE, OFFSET = (0.3, 0.1, 0.1), (0.02, 0.01, 0.01)  # standard deviation of coefficients, per level
+WINDOW = [(dy, dx) for dy in range(2 * REACH + 1) for dx in range(2 * REACH + 1) if (dy, dx) != (REACH, REACH)]
+BAND = 24  # rows of camera pixels at a time
+NEAR = 8, 8, 2  # squared distance of the farthest taps of a level
+TAPS, FLOOR = (0.2, 0.04, 0.02), (0.05, 0.004, 0.001)  # of h: at full share, and of every tap
+MIXED, BENT, HALOS = (0.1, 0.05, 0.05), (0.1, 0.05, 0.05), (0.1, 0.02, 0.0)
+BINS = 24  # levels of light at which the residual's variance is measured
+
+
+@dataclass(frozen=True)
+class Level:
+    """Coefficients of one level: (3, cells down, cells across, features)."""
+
+    cell: int
+    coefficients: NDArray[np.float32]
+
+    def plane(self, k: int, feature: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return a coefficient at every camera pixel, (height, width)."""
+        grid = np.ascontiguousarray(self.coefficients[k, ..., feature])
+        if self.cell == 1:
+            return grid
+        y, x = (((np.arange(side) + 0.5) / self.cell - 0.5).astype(np.float32) for side in shape)
+        at = np.meshgrid(x, y)
+        return np.asarray(cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+    def light(self, F: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+        """Return the light of channel k, (pairs, height, width), of features F."""
+        result = np.zeros(F.shape[1:], np.float32)
+        for number, feature in enumerate(F):
+            if self.coefficients[k, ..., number].any():
+                result += feature * self.plane(k, number, F.shape[2:])
+        return result
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted model.
+
+    slope, offset : (height, width, 3). s and e.
+    levels : corrections, from coarse to fine.
+    """
+
+    slope: NDArray[np.float32]
+    offset: NDArray[np.float32]
+    levels: tuple[Level, ...]
+
+    def predict(self, shown: Pictures, levels: int | None = None) -> Pictures:
+        """Predict the captures of pictures from their warped light, both (pairs, height, width, 3)."""
+        result = self.slope * shown + self.offset
+        for k in range(3):
+            F = features(shown, halos_of(shown[..., k], self.slope[..., k]), self.slope, k)
+            for level in self.levels[:levels]:
+                result[..., k] += level.light(F, k)
+        return result
+
+
+def bands(height: int, rows: int = 48) -> Iterator[slice]:
+    for start in range(0, height, rows):
+        yield slice(start, min(start + rows, height))
+
+
+def halos_of(shown: NDArray[np.float32], slope: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the blurs of one channel's reflected light: (blurs, pairs, height, width)."""
+    return np.stack([[_blurred(picture * slope, sigma) for picture in shown] for sigma in HALO])
+
+
+def _blurred(picture: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    """Blur a picture; darkness lies outside it."""
+    shrink = max(1, int(sigma / 3))
+    height, width = picture.shape[:2]
+    margin = shrink * int(np.ceil(3 * sigma / shrink))
+    padded = cv2.copyMakeBorder(picture, margin, margin + -height % shrink, margin, margin + -width % shrink, cv2.BORDER_CONSTANT)
+    small = cv2.resize(padded, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma / shrink)
+    whole = cv2.resize(small, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(whole[margin : margin + height, margin : margin + width])
+
+
+def prior(level: int) -> NDArray[np.float32]:
+    """Return the standard deviation of each feature's coefficient; 0 for those that a level leaves alone."""
+    distance = np.array([(dy - REACH) ** 2 + (dx - REACH) ** 2 for dy, dx in WINDOW])
+    taps = np.where(distance <= NEAR[level], TAPS[level] * np.exp(-distance / 2.0) + FLOOR[level], 0)
+    own = [OFFSET[level], SCALE[level], BENT[level], MIXED[level], MIXED[level]]
+    return np.array([*own, *taps, *[HALOS[level]] * len(HALO)], np.float32)
+
+
+def features(shown: Pictures, halos: NDArray[np.float32], slope: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+    """Return the features of channel k in radiance, (features, pairs, height, width)."""
+    height, width = shown.shape[1:3]
+    v = shown[..., k]
+    padded = np.pad(v, ((0, 0), (REACH, REACH), (REACH, REACH)), mode="edge")
+    result = np.empty((len(prior(0)), *v.shape), np.float32)
+    near = [np.float32(1), v, v * v, shown[..., (k + 1) % 3], shown[..., (k + 2) % 3]]
+    for dy, dx in WINDOW:
+        near.append(padded[:, dy : dy + height, dx : dx + width] - v)
+    for number, each in enumerate(near):
+        np.multiply(each, slope[..., k], out=result[number])
+    result[len(near) :] = halos
+    return result
+
+
+def fit(shown: Pictures, captures: Pictures, *, cells: Sequence[int] = CELLS) -> Model:
+    """Fit the model.
+
+    shown : the pictures' light as the camera sees it without spread, (pairs, height, width, 3).
+    captures : (pairs, height, width, 3).
+    """
+    slope, offset, _ = regression(shown, captures)
+    slope, offset = np.maximum(slope, 0).astype(np.float32), offset.astype(np.float32)
+    rest = captures - (slope * shown + offset)
+    valid = (captures < 0.98).astype(np.float32)
+    height, width = slope.shape[:2]
+    levels = [Level(cell, np.zeros((3, -(-height // cell), -(-width // cell), len(prior(n))), np.float32)) for n, cell in enumerate(cells)]
+    for k in range(3):
+        F = features(shown, halos_of(shown[..., k], slope[..., k]), slope, k)
+        for number, level in enumerate(levels):
+            used, std = np.flatnonzero(prior(number)), prior(number)
+            variance = _variance(captures[..., k], rest[..., k])
+            w = valid[..., k] / np.sqrt(_at(variance, captures[..., k] - rest[..., k]))
+            for rows in bands(height, max(BAND, level.cell)):
+                A = F[:, :, rows][used] * std[used, None, None, None] * w[:, rows]
+                cells_of = slice(rows.start // level.cell, -(-rows.stop // level.cell))
+                level.coefficients[k, cells_of][..., used] = _solved(A, rest[:, rows, :, k] * w[:, rows], level.cell) * std[used]
+            rest[..., k] -= level.light(F, k)
+    return Model(slope, offset, tuple(levels))
+
+
+def _solved(A: NDArray[np.float32], y: NDArray[np.float32], cell: int) -> NDArray[np.float32]:
+    """Return the ridge solution of every cell, (cells down, cells across, features).
+
+    A : (features, pairs, rows, width).
+    y : (pairs, rows, width).
+    """
+    count, _, height, width = A.shape
+    down, across = -(-height // cell), -(-width // cell)
+    J = np.zeros((down, across, count, count), np.float32)
+    h = np.zeros((down, across, count), np.float32)
+    for i in range(down):
+        for j in range(across):
+            here = (..., slice(i * cell, (i + 1) * cell), slice(j * cell, (j + 1) * cell))
+            each, rest = A[here].reshape(count, -1), y[here].ravel()
+            J[i, j], h[i, j] = each @ each.T, each @ rest
+    J = J / cell + np.eye(count, dtype=np.float32)  # neighbouring pixels' errors are alike
+    return np.asarray(np.linalg.solve(J, h[..., None] / cell))[..., 0]
+
+
+def _variance(light: NDArray[np.float32], rest: NDArray[np.float32]) -> FloatArray:
+    """Measure the variance of residuals by the level of light: (2, BINS)."""
+    light, square = (light - rest).ravel()[::7], rest.ravel()[::7] ** 2
+    edges = np.quantile(light, np.linspace(0, 1, BINS + 1))
+    number = np.clip(np.searchsorted(edges, light) - 1, 0, BINS - 1)
+    count = np.maximum(np.bincount(number, minlength=BINS), 1)
+    means = [np.bincount(number, each, BINS) / count for each in (light, square)]
+    return np.stack([means[0], np.maximum(means[1], 1e-8)])
+
+
+def _at(variance: FloatArray, light: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.interp(light, variance[0], variance[1]).astype(np.float32)
