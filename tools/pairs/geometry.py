@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
+from counterlight.errors import InputError
 
 Pictures = NDArray[np.float32]  # (pairs, height, width, 3)
 COARSE = 40  # cells of the coarse search along the longer side
-CLEAR = 0.6  # correlation of a reliable match
-SCALES = (8, 4, 2, 1)
-STEPS = 5  # Gauss-Newton steps per scale
+CLEAR, LEAST_MATCHES = 0.6, 24  # correlation of a reliable match of cells, and how many are needed
+NO_MATCH = "the photographs do not show these pictures; check that they belong together, or list the pairs with --pairs"
+SCALES = {8: 5, 4: 4, 2: 3, 1: 2}  # and Gauss-Newton steps at each
+MOST_PAIRS = 24  # that refine places
 WINDOW = 5.0  # standard deviation in camera pixels of the neighbourhood that determines a displacement
 LATERAL = 30.0  # the same for displacements of single primaries
 MOST_STEP = 2.0  # pixels
@@ -30,11 +32,9 @@ class Places:
     """The projector pixels that camera pixels see.
 
     places : (3, height, width, 2) float32. (x, y) in projector pixels per primary and camera pixel.
-    clarity : (height, width). Correlation over the pairs of what camera pixels show and what they should show.
     """
 
     places: NDArray[np.float32]
-    clarity: FloatArray
 
     def warped(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the picture as the camera sees it without blur, (height, width, 3)."""
@@ -53,20 +53,20 @@ def find_places(light: Pictures, captures: Pictures) -> Places:
     captures : their captures, (pairs, camera height, camera width, 3).
     """
     homography = _coarse(light, captures)
+    light, captures = _some(light), _some(captures)
     height, width = captures.shape[1:3]
     places = _seen_by(homography, (height, width))
-    for scale in SCALES:
+    for scale, steps in SCALES.items():
         small = (max(width // scale, 8), max(height // scale, 8))
-        factor = np.array([small[0] / width, small[1] / height])
         shrunk = np.array([max(light.shape[2] // scale, 8), max(light.shape[1] // scale, 8)])
         ratio = shrunk / np.array([light.shape[2], light.shape[1]])
         few = np.stack([cv2.resize(each, tuple(shrunk), interpolation=cv2.INTER_AREA) for each in light])
         seen = np.stack([cv2.resize(each, small, interpolation=cv2.INTER_AREA) for each in captures])
         here = _resized(places, small, ratio)
-        for _ in range(STEPS):
+        for _ in range(steps):
             here = here + step(few, seen, np.repeat(here[None], 3, axis=0))
         places = places + _resized(here - _resized(places, small, ratio), (width, height), 1 / ratio, vectors=True)
-    return Places(np.repeat(places[None], 3, axis=0).astype(np.float32), np.zeros((height, width)))
+    return Places(np.repeat(places[None], 3, axis=0).astype(np.float32))
 
 
 def _resized(
@@ -81,10 +81,16 @@ def _resized(
 def refined(light: Pictures, captures: Pictures, found: Places, steps: int = 2) -> Places:
     """Improve the places of all primaries together, then those of each primary by smooth displacements."""
     places = found.places
+    light, captures = _some(light), _some(captures)
     for _ in range(steps):
         places = places + step(light, captures, places)
         places = np.stack([places[k] + step(light, captures, places, [k], LATERAL) for k in range(3)])
-    return Places(places, found.clarity)
+    return Places(places)
+
+
+def _some(pictures: Pictures) -> Pictures:
+    """Return at most MOST_PAIRS pictures, evenly spaced."""
+    return pictures[np.unique(np.linspace(0, len(pictures) - 1, MOST_PAIRS).astype(int))]
 
 
 def _seen_by(homography: FloatArray, shape: tuple[int, int]) -> NDArray[np.float32]:
@@ -114,14 +120,16 @@ def _coarse(light: Pictures, captures: Pictures) -> FloatArray:
     likeness = standardised(seen) @ standardised(few).T
     best = likeness.argmax(axis=1)
     clear = likeness.max(axis=1) > CLEAR
-    if clear.sum() < 12:
-        raise ValueError("no match")
+    if clear.sum() < LEAST_MATCHES:
+        raise InputError(NO_MATCH)
     to = np.stack(np.divmod(best, few.shape[2])[::-1], axis=-1) + 0.5
     at = np.stack(np.divmod(np.arange(len(best)), seen.shape[2])[::-1], axis=-1) + 0.5
     to *= np.array(light.shape[2:0:-1]) / np.array(few.shape[2:0:-1])
     at *= np.array(captures.shape[2:0:-1]) / np.array(seen.shape[2:0:-1])
     cell = light.shape[2] / few.shape[2]
     found, _ = cv2.findHomography(at[clear] - 0.5, to[clear] - 0.5, cv2.RANSAC, 2 * cell)
+    if found is None:
+        raise InputError(NO_MATCH)
     return np.asarray(found)
 
 

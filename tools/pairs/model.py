@@ -19,7 +19,8 @@ from counterlight.arrays import FloatArray
 from counterlight.tools.pairs.geometry import Pictures, regression
 
 REACH = 2  # pixels from the middle of the window of h to its edge
-HALO = 3.0, 8.0, 24.0, 72.0  # standard deviations of the blurs G_j in camera pixels
+BLOCK = 12  # camera pixels per side of the blocks that wide blurs refer to
+HALO = 4.0, 12.0, 36.0, 96.0  # standard deviations of the blurs G_j in camera pixels
 CELLS = 48, 12, 1  # camera pixels per side of each level's cells
 SCALE, OFFSET = (0.3, 0.1, 0.1), (0.02, 0.01, 0.01)  # standard deviation of coefficients, per level
 WINDOW = [(dy, dx) for dy in range(2 * REACH + 1) for dx in range(2 * REACH + 1) if (dy, dx) != (REACH, REACH)]
@@ -37,14 +38,17 @@ class Level:
     cell: int
     coefficients: NDArray[np.float32]
 
+    @classmethod
+    def empty(cls, cell: int, shape: tuple[int, int]) -> "Level":
+        down, across = (-(-side // cell) for side in shape)
+        return cls(cell, np.zeros((3, down, across, len(prior(0))), np.float32))
+
     def plane(self, k: int, feature: int, shape: tuple[int, int]) -> NDArray[np.float32]:
         """Return a coefficient at every camera pixel, (height, width)."""
         grid = np.ascontiguousarray(self.coefficients[k, ..., feature])
         if self.cell == 1:
             return grid
-        y, x = (((np.arange(side) + 0.5) / self.cell - 0.5).astype(np.float32) for side in shape)
-        at = np.meshgrid(x, y)
-        return np.asarray(cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return between_cells(grid, self.cell, shape)
 
     def light(self, F: NDArray[np.float32], k: int) -> NDArray[np.float32]:
         """Return the light of channel k, (pairs, height, width), of features F."""
@@ -77,34 +81,51 @@ class Model:
         return result
 
 
-def bands(height: int, rows: int = 48) -> Iterator[slice]:
+def bands(height: int, rows: int) -> Iterator[slice]:
     for start in range(0, height, rows):
         yield slice(start, min(start + rows, height))
 
 
 def halos_of(shown: NDArray[np.float32], slope: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the blurs of one channel's reflected light: (blurs, pairs, height, width)."""
-    return np.stack([[_blurred(picture * slope, sigma) for picture in shown] for sigma in HALO])
+    light = shown * slope
+    blocks = np.stack([block_means(picture) for picture in light])
+    height, width = slope.shape
+    down, across = blocks.shape[1:]
+    near = [cv2.GaussianBlur(picture, (0, 0), HALO[0], borderType=cv2.BORDER_CONSTANT) for picture in light]
+    result = [np.stack(near)]
+    for sigma in HALO[1:]:
+        blurred = block_blur(down, sigma) @ blocks @ block_blur(across, sigma)
+        result.append(np.stack([between_cells(np.float32(each), BLOCK, (height, width)) for each in blurred]))
+    return np.stack(result)
 
 
-def _blurred(picture: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Blur a picture; darkness lies outside it."""
-    shrink = max(1, int(sigma / 3))
-    height, width = picture.shape[:2]
-    margin = shrink * int(np.ceil(3 * sigma / shrink))
-    padded = cv2.copyMakeBorder(picture, margin, margin + -height % shrink, margin, margin + -width % shrink, cv2.BORDER_CONSTANT)
-    small = cv2.resize(padded, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), sigma / shrink)
-    whole = cv2.resize(small, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(whole[margin : margin + height, margin : margin + width])
+def block_means(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the means of BLOCK × BLOCK camera pixels; darkness lies outside the picture."""
+    height, width = picture.shape
+    padded = np.pad(picture, ((0, -height % BLOCK), (0, -width % BLOCK)))
+    return np.asarray(padded.reshape(-(-height // BLOCK), BLOCK, -1, BLOCK).mean(axis=(1, 3)))
 
 
-def prior(level: int) -> NDArray[np.float32]:
+def block_blur(count: int, sigma: float) -> FloatArray:
+    """Return the matrix of a Gaussian blur over `count` blocks along one axis."""
+    distance = (np.arange(count)[:, None] - np.arange(count)) * BLOCK / sigma
+    return np.asarray(np.exp(-(distance**2) / 2) * BLOCK / (sigma * np.sqrt(2 * np.pi)))
+
+
+def between_cells(grid: NDArray[np.float32], cell: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Interpolate values of cells at every camera pixel of a (height, width) picture."""
+    y, x = (((np.arange(side) + 0.5) / cell - 0.5).astype(np.float32) for side in shape)
+    at = np.meshgrid(x, y)
+    return np.asarray(cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def prior(level: int, linear: bool = False) -> NDArray[np.float32]:
     """Return the standard deviation of each feature's coefficient; 0 for those that a level leaves alone."""
     distance = np.array([(dy - REACH) ** 2 + (dx - REACH) ** 2 for dy, dx in WINDOW])
     taps = np.where(distance <= NEAR[level], TAPS[level] * np.exp(-distance / 2.0) + FLOOR[level], 0)
-    own = [OFFSET[level], SCALE[level], BENT[level], MIXED[level], MIXED[level]]
-    return np.array([*own, *taps, *[HALOS[level]] * len(HALO)], np.float32)
+    own = [OFFSET[level], SCALE[level], *([0, 0, 0] if linear else [BENT[level], MIXED[level], MIXED[level]])]
+    return np.array([*own, *taps, 0 if linear else HALOS[level], *[HALOS[level]] * (len(HALO) - 1)], np.float32)
 
 
 def features(shown: Pictures, halos: NDArray[np.float32], slope: NDArray[np.float32], k: int) -> NDArray[np.float32]:
@@ -122,28 +143,34 @@ def features(shown: Pictures, halos: NDArray[np.float32], slope: NDArray[np.floa
     return result
 
 
-def fit(shown: Pictures, captures: Pictures, *, cells: Sequence[int] = CELLS) -> Model:
+def fit(shown: Pictures, captures: Pictures, *, cells: Sequence[int] = CELLS, linear: bool = False) -> Model:
     """Fit the model.
 
     shown : the pictures' light as the camera sees it without spread, (pairs, height, width, 3).
     captures : (pairs, height, width, 3).
+    linear : whether each channel depends linearly on its own primary only.
     """
     slope, offset, _ = regression(shown, captures)
     slope, offset = np.maximum(slope, 0).astype(np.float32), offset.astype(np.float32)
     rest = captures - (slope * shown + offset)
     valid = (captures < 0.98).astype(np.float32)
     height, width = slope.shape[:2]
-    levels = [Level(cell, np.zeros((3, -(-height // cell), -(-width // cell), len(prior(n))), np.float32)) for n, cell in enumerate(cells)]
+    levels = [
+        Level(cell, np.zeros((3, -(-height // cell), -(-width // cell), len(prior(n))), np.float32))
+        for n, cell in enumerate(cells)
+    ]
     for k in range(3):
         F = features(shown, halos_of(shown[..., k], slope[..., k]), slope, k)
         for number, level in enumerate(levels):
-            used, std = np.flatnonzero(prior(number)), prior(number)
+            used, std = np.flatnonzero(prior(number, linear)), prior(number, linear)
             variance = _variance(captures[..., k], rest[..., k])
             w = valid[..., k] / np.sqrt(_at(variance, captures[..., k] - rest[..., k]))
             for rows in bands(height, max(BAND, level.cell)):
                 A = F[:, :, rows][used] * std[used, None, None, None] * w[:, rows]
                 cells_of = slice(rows.start // level.cell, -(-rows.stop // level.cell))
-                level.coefficients[k, cells_of][..., used] = _solved(A, rest[:, rows, :, k] * w[:, rows], level.cell) * std[used]
+                level.coefficients[k, cells_of][..., used] = (
+                    _solved(A, rest[:, rows, :, k] * w[:, rows], level.cell) * std[used]
+                )
             rest[..., k] -= level.light(F, k)
     return Model(slope, offset, tuple(levels))
 
@@ -156,15 +183,19 @@ def _solved(A: NDArray[np.float32], y: NDArray[np.float32], cell: int) -> NDArra
     """
     count, _, height, width = A.shape
     down, across = -(-height // cell), -(-width // cell)
-    J = np.zeros((down, across, count, count), np.float32)
-    h = np.zeros((down, across, count), np.float32)
-    for i in range(down):
-        for j in range(across):
-            here = (..., slice(i * cell, (i + 1) * cell), slice(j * cell, (j + 1) * cell))
-            each, rest = A[here].reshape(count, -1), y[here].ravel()
-            J[i, j], h[i, j] = each @ each.T, each @ rest
+    if cell == 1:
+        each = np.ascontiguousarray(A.transpose(2, 3, 0, 1))
+        J, h = each @ each.swapaxes(2, 3), each @ y.transpose(1, 2, 0)[..., None]
+    else:
+        J = np.zeros((down, across, count, count), np.float32)
+        h = np.zeros((down, across, count, 1), np.float32)
+        for i in range(down):
+            for j in range(across):
+                here = (..., slice(i * cell, (i + 1) * cell), slice(j * cell, (j + 1) * cell))
+                part, rest = A[here].reshape(count, -1), y[here].reshape(-1, 1)
+                J[i, j], h[i, j] = part @ part.T, part @ rest
     J = J / cell + np.eye(count, dtype=np.float32)  # neighbouring pixels' errors are alike
-    return np.asarray(np.linalg.solve(J, h[..., None] / cell))[..., 0]
+    return np.asarray(np.linalg.solve(J, h / cell))[..., 0]
 
 
 def _variance(light: NDArray[np.float32], rest: NDArray[np.float32]) -> FloatArray:

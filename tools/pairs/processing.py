@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray, IntArray
 
 OWN, OTHER = 17, 7  # levels
-SMOOTH, EVEN = 0.3, 0.03  # weights of second differences, and of first differences along other codes
+USUAL = 2.2  # gamma that φ is expected to be near
+SMOOTH, EVEN = 0.1, 0.02  # weights of second differences from it, and of first differences along other codes
 CODES, FINE = 256, 64  # codes of the own and other primaries in the table for pictures
 
 
@@ -70,15 +71,39 @@ def fit_processing(codes: FloatArray, light: FloatArray, weights: FloatArray) ->
         weight = weights[:, k] / weights[:, k].mean()
         size = OWN * OTHER * OTHER
         J, h = np.zeros(size * size), np.zeros(size)
+        usual = Processing.of_gamma(USUAL).table[k].ravel()
+        rest = light[:, k] - sum(share * usual[cell] for cell, share in zip(cells, shares, strict=True))
         for a in range(8):
-            h += np.bincount(cells[a], weight * shares[a] * light[:, k], size)
+            h += np.bincount(cells[a], weight * shares[a] * rest, size)
             for b in range(8):
                 J += np.bincount(cells[a] * size + cells[b], weight * shares[a] * shares[b], size * size)
-        scale = len(codes) / size
-        J = J.reshape(size, size) + scale * _prior()
-        J[np.arange(OTHER**2), np.arange(OTHER**2)] += 0.0
-        tables.append(np.linalg.solve(J, h).reshape(OWN, OTHER, OTHER))
+        J = J.reshape(size, size) + len(codes) / size * _prior()
+        tables.append((usual + np.linalg.solve(J, h)).reshape(OWN, OTHER, OTHER))
     return Processing(np.stack(tables))
+
+
+def level_shares(codes: NDArray[np.uint8], level: int) -> NDArray[np.float32]:
+    """Return the share of one of the OWN levels in the light of each code value, of the same shape."""
+    place = np.arange(CODES) / (CODES - 1) * (OWN - 1)
+    return np.asarray(np.maximum(0, 1 - np.abs(place - level)).astype(np.float32)[codes])
+
+
+def fit_response(shares: FloatArray, light: FloatArray, weights: FloatArray) -> Processing:
+    """Fit a processing without dependence on other codes: rising curves from 0 to 1.
+
+    shares : (samples, 3, OWN). Share of each level in the light of a sample.
+    light, weights : as for `fit_processing`.
+    """
+    curves, usual = [], np.linspace(0, 1, OWN) ** USUAL
+    D = SMOOTH * np.diff(np.eye(OWN), 2, axis=0)
+    for k in range(3):
+        B, w = shares[:, k], weights[:, k] / weights[:, k].mean()
+        rest = light[:, k] - B @ usual
+        curve = usual + np.linalg.solve(B.T @ (B * w[:, None]) + len(B) / OWN * D.T @ D, B.T @ (w * rest))
+        steps = np.maximum(np.diff(curve), 1e-4 * (curve[-1] - curve[0]))
+        curves.append(np.concatenate([[0], np.cumsum(steps) / steps.sum()]))
+    table = np.stack(curves)[:, :, None, None]
+    return Processing(np.broadcast_to(table, (3, OWN, OTHER, OTHER)).copy())
 
 
 def _hats(codes: FloatArray) -> tuple[list[IntArray], list[FloatArray]]:
@@ -100,7 +125,7 @@ def _prior() -> FloatArray:
     for axis, levels in enumerate((OWN, OTHER, OTHER)):
         orders = [(2, SMOOTH)] if axis == 0 else [(2, SMOOTH), (1, EVEN)]
         for order, strength in orders:
-            each = [eye for eye in eyes]
+            each = list(eyes)
             each[axis] = np.diff(np.eye(levels), order, axis=0) * strength
             D = np.kron(np.kron(each[0], each[1]), each[2])
             total += D.T @ D
