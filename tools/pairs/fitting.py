@@ -53,7 +53,7 @@ class Fitted:
         return self.model.predict(self.shown(pictures))
 
 
-def reduced(light: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+def reduced(light: NDArray[np.floating], factor: int) -> NDArray[np.floating]:
     height, width = light.shape[:2]
     size = (-(-width // factor), -(-height // factor))
     padded = cv2.copyMakeBorder(light, 0, -height % factor, 0, -width % factor, cv2.BORDER_REPLICATE)
@@ -86,7 +86,7 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
         raise InputError(NO_MATCH)
     coarse = fit(shown, captures, cells=CELLS[:1], linear=additive)
     gains = _gains(coarse.predict(shown), captures, lit)
-    model = fit(shown, captures / gains[:, None, None].astype(np.float32), linear=additive)
+    model = fit(shown, np.asarray(captures / gains[:, None, None], np.float32), linear=additive)
     return Fitted(places, processing, model, factor, gains, lit)
 
 
@@ -189,7 +189,7 @@ def agreement(predicted: Pictures, captures: Pictures, lit: BoolArray) -> Agreem
     return Agreement(likeness, np.array(shifts))
 
 
-def _shift(predicted: NDArray[np.float32], capture: NDArray[np.float32], lit: BoolArray) -> float:
+def _shift(predicted: NDArray[np.floating], capture: NDArray[np.floating], lit: BoolArray) -> float:
     """Return by how many camera pixels a capture is shifted against its prediction; 0 if unclear."""
     rows, columns = (np.flatnonzero(lit.any(axis=axis)) for axis in (1, 0))
     top, left = rows[0] + SEARCH, columns[0] + SEARCH

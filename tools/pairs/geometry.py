@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 
-Pictures = NDArray[np.float32]  # (pairs, height, width, 3)
+Pictures = NDArray[np.floating]  # (pairs, height, width, 3)
 COARSE = 40  # cells of the coarse search along the longer side
 CLEAR, LEAST_MATCHES = 0.6, 24  # correlation of a reliable match of cells, and how many are needed
 NO_MATCH = "the photographs do not show these pictures; check that they belong together, or list the pairs with --pairs"
@@ -34,14 +34,14 @@ class Places:
     places : (3, height, width, 2) float32. (x, y) in projector pixels per primary and camera pixel.
     """
 
-    places: NDArray[np.float32]
+    places: NDArray[np.floating]
 
-    def warped(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    def warped(self, picture: NDArray[np.floating]) -> NDArray[np.floating]:
         """Return the picture as the camera sees it without blur, (height, width, 3)."""
         return np.stack([looked_up(picture[..., k], self.places[k]) for k in range(3)], axis=-1)
 
 
-def looked_up(picture: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.float32]:
+def looked_up(picture: NDArray[np.floating], places: NDArray[np.floating]) -> NDArray[np.floating]:
     """Interpolate a picture at (height, width, 2) places; zero outside the picture."""
     return np.asarray(cv2.remap(picture, places[..., 0], places[..., 1], cv2.INTER_LINEAR))
 
@@ -70,8 +70,8 @@ def find_places(light: Pictures, captures: Pictures) -> Places:
 
 
 def _resized(
-    places: NDArray[np.float32], size: tuple[int, int], ratio: FloatArray, *, vectors: bool = False
-) -> NDArray[np.float32]:
+    places: NDArray[np.floating], size: tuple[int, int], ratio: FloatArray, *, vectors: bool = False
+) -> NDArray[np.floating]:
     """Resize a field of places or vectors to (width, height), and its values by `ratio`, with pixel centres kept."""
     resized = cv2.resize(places, size, interpolation=cv2.INTER_LINEAR)
     moved = resized * ratio if vectors else (resized + 0.5) * ratio - 0.5
@@ -90,16 +90,16 @@ def refined(light: Pictures, captures: Pictures, found: Places, steps: int = 2) 
 
 def _some(pictures: Pictures) -> Pictures:
     """Return at most MOST_PAIRS pictures, evenly spaced."""
-    return pictures[np.unique(np.linspace(0, len(pictures) - 1, MOST_PAIRS).astype(int))]
+    return np.asarray(pictures[np.unique(np.linspace(0, len(pictures) - 1, MOST_PAIRS).astype(int))])
 
 
-def _seen_by(homography: FloatArray, shape: tuple[int, int]) -> NDArray[np.float32]:
+def _seen_by(homography: FloatArray, shape: tuple[int, int]) -> NDArray[np.floating]:
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
     points = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
-    return cv2.perspectiveTransform(points, homography).reshape(*shape, 2).astype(np.float32)
+    return np.asarray(cv2.perspectiveTransform(points, homography).reshape(*shape, 2).astype(np.float32))
 
 
-def standardised(pictures: Pictures) -> NDArray[np.float32]:
+def standardised(pictures: Pictures) -> NDArray[np.floating]:
     """Return each pixel's values over the pairs as vectors of length 1 without mean: (pixels, 3 · pairs)."""
     values = pictures - pictures.mean(axis=0)
     vectors = values.transpose(1, 2, 3, 0)
@@ -137,7 +137,7 @@ def _smooth(field: FloatArray, sigma: float) -> FloatArray:
     return np.asarray(cv2.GaussianBlur(field, (0, 0), sigma, borderType=cv2.BORDER_REFLECT))
 
 
-def regression(x: NDArray[np.float32], y: NDArray[np.float32]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def regression(x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return slope, offset and correlation of y over x along the first axis."""
     mx, my = x.mean(axis=0), y.mean(axis=0)
     xx = np.einsum("n...,n...->...", x, x) / len(x) - mx**2
@@ -150,10 +150,10 @@ def regression(x: NDArray[np.float32], y: NDArray[np.float32]) -> tuple[FloatArr
 def step(
     light: Pictures,
     seen: Pictures,
-    places: NDArray[np.float32],
+    places: NDArray[np.floating],
     primaries: Sequence[int] = (0, 1, 2),
     window: float = WINDOW,
-) -> NDArray[np.float32]:
+) -> NDArray[np.floating]:
     """Return one Gauss-Newton step of the places, (height, width, 2), from these primaries together."""
     sums = np.zeros((5, *seen.shape[1:3]))
     for k in primaries:
@@ -174,8 +174,8 @@ def step(
     xx, yy = xx + stiff, yy + stiff
     det = xx * yy - xy**2
     step = np.stack([yy * xr - xy * yr, xx * yr - xy * xr], axis=-1) / det[..., None]
-    return np.clip(step, -MOST_STEP, MOST_STEP).astype(np.float32)
+    return np.asarray(np.clip(step, -MOST_STEP, MOST_STEP).astype(np.float32))
 
 
-def _slope(x: NDArray[np.float32], y: NDArray[np.float32]) -> FloatArray:
+def _slope(x: NDArray[np.floating], y: NDArray[np.floating]) -> FloatArray:
     return regression(y, x)[0]

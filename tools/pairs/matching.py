@@ -26,21 +26,14 @@ def matched(pictures: Sequence[NDArray[np.floating]], captures: Sequence[NDArray
 
     pictures, captures : code values or gamma-encoded light, 0 to 1, (height, width, 3) each.
     """
-    homography = _geometry([_small(each) for each in pictures], [_small(each) for each in captures])
+    small = [_small(each) for each in pictures]
+    homography = _geometry(small, [_small(each) for each in captures])
     if homography is None:
         return None
-    shown = [cv2.resize(_small(each), GRID, interpolation=cv2.INTER_AREA) for each in pictures]
-    height, width = _small(pictures[0]).shape[:2]
-    scale = np.diag([GRID[0] / width, GRID[1] / height, 1.0])
-    seen = [
-        cv2.resize(
-            cv2.warpPerspective(_small(each), homography, (width, height), flags=cv2.INTER_AREA),
-            GRID,
-            interpolation=cv2.INTER_AREA,
-        )
-        for each in captures
-    ]
-    assert scale.shape == (3, 3)
+    shown = [cv2.resize(each, GRID, interpolation=cv2.INTER_AREA) for each in small]
+    size = small[0].shape[1::-1]
+    warped = [cv2.warpPerspective(_small(each), homography, size, flags=cv2.INTER_AREA) for each in captures]
+    seen = [cv2.resize(each, GRID, interpolation=cv2.INTER_AREA) for each in warped]
     likeness = _standard(np.array(seen)) @ _standard(np.array(shown)).T
     rows, columns = linear_sum_assignment(-likeness)
     result = np.full(len(captures), -1)
@@ -48,7 +41,7 @@ def matched(pictures: Sequence[NDArray[np.floating]], captures: Sequence[NDArray
     return result
 
 
-def _small(picture: NDArray[np.floating]) -> NDArray[np.float32]:
+def _small(picture: NDArray[np.floating]) -> NDArray[np.floating]:
     scale = SIDE / max(picture.shape[:2])
     size = (round(picture.shape[1] * scale), round(picture.shape[0] * scale))
     return np.asarray(cv2.resize(np.asarray(picture, np.float32), size, interpolation=cv2.INTER_AREA))
@@ -62,9 +55,9 @@ def _standard(pictures: FloatArray) -> FloatArray:
     return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9))
 
 
-def _geometry(pictures: Sequence[NDArray[np.float32]], captures: Sequence[NDArray[np.float32]]) -> FloatArray | None:
+def _geometry(pictures: Sequence[NDArray[np.floating]], captures: Sequence[NDArray[np.floating]]) -> FloatArray | None:
     """Return the homography from captures to pictures that has most features on its side."""
-    sift = cv2.SIFT_create(nfeatures=600)
+    sift = cv2.SIFT.create(nfeatures=600)
     mean = np.maximum(np.mean(captures, axis=0), 0.02)
     known = [sift.detectAndCompute(_grey(each), None) for each in pictures]
     best: tuple[int, FloatArray | None] = (LEAST_INLIERS - 1, None)
@@ -82,7 +75,7 @@ def _geometry(pictures: Sequence[NDArray[np.float32]], captures: Sequence[NDArra
             to = np.array([others[m.trainIdx].pt for m in good])
             found, inside = cv2.findHomography(at, to, cv2.RANSAC, 6.0)
             if found is not None and int(inside.sum()) > best[0]:
-                best = (int(inside.sum()), found)
+                best = (int(inside.sum()), np.asarray(found, np.float64))
     return best[1]
 
 

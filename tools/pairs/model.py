@@ -36,21 +36,21 @@ class Level:
     """Coefficients of one level: (3, cells down, cells across, features)."""
 
     cell: int
-    coefficients: NDArray[np.float32]
+    coefficients: NDArray[np.floating]
 
     @classmethod
     def empty(cls, cell: int, shape: tuple[int, int]) -> "Level":
         down, across = (-(-side // cell) for side in shape)
         return cls(cell, np.zeros((3, down, across, len(prior(0))), np.float32))
 
-    def plane(self, k: int, feature: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+    def plane(self, k: int, feature: int, shape: tuple[int, int]) -> NDArray[np.floating]:
         """Return a coefficient at every camera pixel, (height, width)."""
         grid = np.ascontiguousarray(self.coefficients[k, ..., feature])
         if self.cell == 1:
             return grid
         return between_cells(grid, self.cell, shape)
 
-    def light(self, F: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+    def light(self, F: NDArray[np.floating], k: int) -> NDArray[np.floating]:
         """Return the light of channel k, (pairs, height, width), of features F."""
         result = np.zeros(F.shape[1:], np.float32)
         for number, feature in enumerate(F):
@@ -67,8 +67,8 @@ class Model:
     levels : corrections, from coarse to fine.
     """
 
-    slope: NDArray[np.float32]
-    offset: NDArray[np.float32]
+    slope: NDArray[np.floating]
+    offset: NDArray[np.floating]
     levels: tuple[Level, ...]
 
     def predict(self, shown: Pictures, levels: int | None = None) -> Pictures:
@@ -86,7 +86,7 @@ def bands(height: int, rows: int) -> Iterator[slice]:
         yield slice(start, min(start + rows, height))
 
 
-def halos_of(shown: NDArray[np.float32], slope: NDArray[np.float32]) -> NDArray[np.float32]:
+def halos_of(shown: NDArray[np.floating], slope: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return the blurs of one channel's reflected light: (blurs, pairs, height, width)."""
     light = shown * slope
     blocks = np.stack([block_means(picture) for picture in light])
@@ -96,11 +96,13 @@ def halos_of(shown: NDArray[np.float32], slope: NDArray[np.float32]) -> NDArray[
     result = [np.stack(near)]
     for sigma in HALO[1:]:
         blurred = block_blur(down, sigma) @ blocks @ block_blur(across, sigma)
-        result.append(np.stack([between_cells(np.float32(each), BLOCK, (height, width)) for each in blurred]))
+        result.append(
+            np.stack([between_cells(each.astype(np.float32), BLOCK, (height, width)) for each in list(blurred)])
+        )
     return np.stack(result)
 
 
-def block_means(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+def block_means(picture: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return the means of BLOCK × BLOCK camera pixels; darkness lies outside the picture."""
     height, width = picture.shape
     padded = np.pad(picture, ((0, -height % BLOCK), (0, -width % BLOCK)))
@@ -113,14 +115,14 @@ def block_blur(count: int, sigma: float) -> FloatArray:
     return np.asarray(np.exp(-(distance**2) / 2) * BLOCK / (sigma * np.sqrt(2 * np.pi)))
 
 
-def between_cells(grid: NDArray[np.float32], cell: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+def between_cells(grid: NDArray[np.floating], cell: int, shape: tuple[int, int]) -> NDArray[np.floating]:
     """Interpolate values of cells at every camera pixel of a (height, width) picture."""
     y, x = (((np.arange(side) + 0.5) / cell - 0.5).astype(np.float32) for side in shape)
     at = np.meshgrid(x, y)
     return np.asarray(cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-def prior(level: int, linear: bool = False) -> NDArray[np.float32]:
+def prior(level: int, linear: bool = False) -> NDArray[np.floating]:
     """Return the standard deviation of each feature's coefficient; 0 for those that a level leaves alone."""
     distance = np.array([(dy - REACH) ** 2 + (dx - REACH) ** 2 for dy, dx in WINDOW])
     taps = np.where(distance <= NEAR[level], TAPS[level] * np.exp(-distance / 2.0) + FLOOR[level], 0)
@@ -128,13 +130,13 @@ def prior(level: int, linear: bool = False) -> NDArray[np.float32]:
     return np.array([*own, *taps, 0 if linear else HALOS[level], *[HALOS[level]] * (len(HALO) - 1)], np.float32)
 
 
-def features(shown: Pictures, halos: NDArray[np.float32], slope: NDArray[np.float32], k: int) -> NDArray[np.float32]:
+def features(shown: Pictures, halos: NDArray[np.floating], slope: NDArray[np.floating], k: int) -> NDArray[np.floating]:
     """Return the features of channel k in radiance, (features, pairs, height, width)."""
     height, width = shown.shape[1:3]
     v = shown[..., k]
     padded = np.pad(v, ((0, 0), (REACH, REACH), (REACH, REACH)), mode="edge")
     result = np.empty((len(prior(0)), *v.shape), np.float32)
-    near = [np.float32(1), v, v * v, shown[..., (k + 1) % 3], shown[..., (k + 2) % 3]]
+    near: list[NDArray[np.floating]] = [np.ones_like(v[0]), v, v * v, shown[..., (k + 1) % 3], shown[..., (k + 2) % 3]]
     for dy, dx in WINDOW:
         near.append(padded[:, dy : dy + height, dx : dx + width] - v)
     for number, each in enumerate(near):
@@ -175,7 +177,7 @@ def fit(shown: Pictures, captures: Pictures, *, cells: Sequence[int] = CELLS, li
     return Model(slope, offset, tuple(levels))
 
 
-def _solved(A: NDArray[np.float32], y: NDArray[np.float32], cell: int) -> NDArray[np.float32]:
+def _solved(A: NDArray[np.floating], y: NDArray[np.floating], cell: int) -> NDArray[np.floating]:
     """Return the ridge solution of every cell, (cells down, cells across, features).
 
     A : (features, pairs, rows, width).
@@ -198,7 +200,7 @@ def _solved(A: NDArray[np.float32], y: NDArray[np.float32], cell: int) -> NDArra
     return np.asarray(np.linalg.solve(J, h / cell))[..., 0]
 
 
-def _variance(light: NDArray[np.float32], rest: NDArray[np.float32]) -> FloatArray:
+def _variance(light: NDArray[np.floating], rest: NDArray[np.floating]) -> FloatArray:
     """Measure the variance of residuals by the level of light: (2, BINS)."""
     light, square = (light - rest).ravel()[::7], rest.ravel()[::7] ** 2
     edges = np.quantile(light, np.linspace(0, 1, BINS + 1))
@@ -208,5 +210,5 @@ def _variance(light: NDArray[np.float32], rest: NDArray[np.float32]) -> FloatArr
     return np.stack([means[0], np.maximum(means[1], 1e-8)])
 
 
-def _at(variance: FloatArray, light: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.interp(light, variance[0], variance[1]).astype(np.float32)
+def _at(variance: FloatArray, light: NDArray[np.floating]) -> NDArray[np.floating]:
+    return np.asarray(np.interp(light, variance[0], variance[1]), np.float32)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -98,7 +99,9 @@ def read_pictures(paths: Sequence[Path]) -> NDArray[np.uint8]:
     return np.stack(result)
 
 
-def read_photographs(paths: Sequence[Path], response: Response | None, size: Size | None = None) -> NDArray[np.float32]:
+def read_photographs(
+    paths: Sequence[Path], response: Response | None, size: Size | None = None
+) -> NDArray[np.floating]:
     """Read photographs as linear light, (photographs, height, width, 3), 1 at the largest code value.
 
     response : the camera's response; None for linear RAW and 16-bit files, and sRGB for 8-bit files.
@@ -122,7 +125,7 @@ def room_size(shape: Sequence[int]) -> Size:
     return shape[1] // divisor, shape[0] // divisor
 
 
-def _coloured(picture: NDArray[np.generic]) -> NDArray[np.generic]:
+def _coloured(picture: NDArray[Any]) -> NDArray[Any]:
     return picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
 
 

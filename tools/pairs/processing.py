@@ -32,7 +32,7 @@ class Processing:
         own = np.linspace(0, 1, OWN) ** gamma
         return cls(np.broadcast_to(own[None, :, None, None], (3, OWN, OTHER, OTHER)).copy())
 
-    def light(self, codes: NDArray[np.floating]) -> NDArray[np.float32]:
+    def light(self, codes: NDArray[np.floating]) -> NDArray[np.floating]:
         """Convert code values (…, 3) to light."""
         own = np.rint(np.asarray(codes) * (CODES - 1)).astype(np.int32)
         other = np.rint(np.asarray(codes) * (FINE - 1)).astype(np.int32)
@@ -43,7 +43,7 @@ class Processing:
         return np.stack(parts, axis=-1)
 
     @cached_property
-    def _fine(self) -> NDArray[np.float32]:
+    def _fine(self) -> NDArray[np.floating]:
         fine = self.table
         for axis, count in ((1, CODES), (2, FINE), (3, FINE)):
             fine = np.moveaxis(_between(np.moveaxis(fine, axis, 0), count), 0, axis)
@@ -82,7 +82,7 @@ def fit_processing(codes: FloatArray, light: FloatArray, weights: FloatArray) ->
     return Processing(np.stack(tables))
 
 
-def level_shares(codes: NDArray[np.uint8], level: int) -> NDArray[np.float32]:
+def level_shares(codes: NDArray[np.uint8], level: int) -> NDArray[np.floating]:
     """Return the share of one of the OWN levels in the light of each code value, of the same shape."""
     place = np.arange(CODES) / (CODES - 1) * (OWN - 1)
     return np.asarray(np.maximum(0, 1 - np.abs(place - level)).astype(np.float32)[codes])

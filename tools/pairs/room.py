@@ -29,7 +29,7 @@ from counterlight.tools.pairs.photographs import (
     read_pictures,
 )
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
@@ -131,7 +131,7 @@ def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tupl
         return by_number, "number"
     codes = read_pictures(shown) / np.float32(255)
     light = read_photographs(seen, options.camera_response, options.camera)
-    numbers = matched(codes, light ** (1 / 2.2))
+    numbers = matched(list(codes), list(light ** (1 / 2.2)))
     if numbers is None:
         raise InputError(f"{photographs}: {NO_MATCH}")
     pairs = [Pair(shown[n], path) for n, path in zip(numbers, seen, strict=True) if n >= 0]
@@ -162,12 +162,12 @@ def decibels(predicted: Pictures, captures: Pictures, lit: BoolArray) -> float:
     return float(-10 * np.log10(max(error, 1e-12)))
 
 
-def quality_picture(predicted: NDArray[np.float32], capture: NDArray[np.float32]) -> NDArray[np.uint8]:
+def quality_picture(predicted: NDArray[np.floating], capture: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Return a capture, its prediction and their difference (grey: none, tenfold) next to each other."""
     white = max(float(np.percentile(capture, 99.5)), 1e-6)
     both = [np.clip(each / white, 0, 1) ** (1 / 2.2) for each in (capture, predicted)]
     row = np.concatenate([*both, np.clip(0.5 + 10 * (predicted - capture) / white, 0, 1)], axis=1)
-    return np.rint(row * 255).astype(np.uint8)
+    return np.asarray(np.rint(row * 255), np.uint8)
 
 
 def _room(
@@ -183,23 +183,24 @@ def _room(
         name,
         f"counterlight import-pairs: {what}, response from the pairs",
         (Device(*projector, response),),
-        Device(*ambient.shape[:2], LINEAR),
+        Device(ambient.shape[0], ambient.shape[1], LINEAR),
         ambient,
         fitted.lit,
     )
     return room, transport
 
 
-def ambient_of(fitted: Fitted) -> NDArray[np.float32]:
+def ambient_of(fitted: Fitted) -> NDArray[np.floating]:
     """Return the light at black, (height, width, 3)."""
     model = fitted.model
     planes = [_coefficient(fitted, k, 0) for k in range(3)]
-    return np.maximum(model.offset + model.slope * np.stack(planes, axis=-1), 0)
+    return np.asarray(np.maximum(model.offset + model.slope * np.stack(planes, axis=-1), 0), np.float32)
 
 
-def _coefficient(fitted: Fitted, k: int, feature: int) -> NDArray[np.float32]:
+def _coefficient(fitted: Fitted, k: int, feature: int) -> NDArray[np.floating]:
     shape = fitted.model.slope.shape[:2]
-    return np.sum([level.plane(k, feature, shape) for level in fitted.model.levels], axis=0, dtype=np.float32)
+    planes = [level.plane(k, feature, shape) for level in fitted.model.levels]
+    return np.asarray(np.sum(planes, axis=0), np.float32)
 
 
 def transport_of(fitted: Fitted, projector: tuple[int, int]) -> Transport:
@@ -210,7 +211,7 @@ def transport_of(fitted: Fitted, projector: tuple[int, int]) -> Transport:
     return Transport.from_matrices(near, _far(fitted, seen), camera=camera, projector=projector)
 
 
-def _interpolation(places: NDArray[np.float32], projector: tuple[int, int], factor: int) -> sparse.csr_array:
+def _interpolation(places: NDArray[np.floating], projector: tuple[int, int], factor: int) -> Csr:
     """Return the matrix that looks a projector picture up at places of its reduced version, darkness outside."""
     height, width = (-(-side // factor) for side in projector)
     x, y = (places[..., axis].ravel().astype(np.float64) for axis in range(2))
@@ -227,7 +228,7 @@ def _interpolation(places: NDArray[np.float32], projector: tuple[int, int], fact
     return sparse.csr_array(sparse.csr_array(lookup, (x.size, height * width)) @ _means(projector, factor))
 
 
-def _means(projector: tuple[int, int], factor: int) -> sparse.csr_array:
+def _means(projector: tuple[int, int], factor: int) -> Csr:
     """Return the matrix that reduces a projector picture, with its border repeated."""
     lines = []
     for side in projector:
@@ -238,7 +239,7 @@ def _means(projector: tuple[int, int], factor: int) -> sparse.csr_array:
     return sparse.csr_array(sparse.kron(lines[0], lines[1], format="csr"))
 
 
-def _taps(fitted: Fitted, k: int) -> sparse.csr_array:
+def _taps(fitted: Fitted, k: int) -> Csr:
     """Return the spread of camera pixels over their neighbours in radiance, (camera pixels, camera pixels)."""
     slope = fitted.model.slope[..., k]
     height, width = slope.shape
@@ -259,7 +260,7 @@ def _taps(fitted: Fitted, k: int) -> sparse.csr_array:
     return sparse.csr_array(entries, (height * width,) * 2)
 
 
-def _pruned(T: sparse.csr_array) -> sparse.csr_array:
+def _pruned(T: Csr) -> Csr:
     """Drop negative and faint entries, and scale each row to its sum."""
     T.sum_duplicates()
     rows = np.repeat(np.arange(T.shape[0]), np.diff(T.indptr))
@@ -270,10 +271,10 @@ def _pruned(T: sparse.csr_array) -> sparse.csr_array:
     T.eliminate_zeros()
     kept = np.asarray(T.sum(axis=1)).ravel()
     scale = np.divide(wanted, kept, out=np.zeros_like(kept), where=kept > 0)
-    return sparse.csr_array(sparse.diags_array(scale) @ T, dtype=np.float32)
+    return _float32(sparse.diags_array(scale) @ T)
 
 
-def _far(fitted: Fitted, seen: list[sparse.csr_array]) -> FarLight | None:
+def _far(fitted: Fitted, seen: list[Csr]) -> FarLight | None:
     """Return the halo as far light over blocks of camera pixels; None if there is none."""
     shape = fitted.model.slope.shape[:2]
     blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
@@ -283,7 +284,7 @@ def _far(fitted: Fitted, seen: list[sparse.csr_array]) -> FarLight | None:
     gather, mix = [], np.zeros((3, count, count))
     for k in range(3):
         light = (fitted.model.slope[..., k].ravel() / BLOCK**2, (block, np.arange(pixels)))
-        gather.append(sparse.csr_array(sparse.csr_array(light, (count, pixels)) @ seen[k], dtype=np.float32))
+        gather.append(_float32(sparse.csr_array(light, (count, pixels)) @ seen[k]))
         for number, sigma in enumerate(HALO[1:], 5 + len(WINDOW) + 1):
             strength = cv2.resize(_coefficient(fitted, k, number), blocks[::-1], interpolation=cv2.INTER_AREA)
             blur = np.kron(block_blur(blocks[0], sigma), block_blur(blocks[1], sigma))
@@ -295,10 +296,14 @@ def _far(fitted: Fitted, seen: list[sparse.csr_array]) -> FarLight | None:
     return FarLight.from_matrices(gather, mix, between)
 
 
-def _interpolation_of_blocks(shape: tuple[int, int], blocks: tuple[int, int]) -> sparse.csr_array:
+def _interpolation_of_blocks(shape: tuple[int, int], blocks: tuple[int, int]) -> Csr:
     """Return the matrix that interpolates between the middles of blocks, (camera pixels, blocks)."""
     lines = []
     for side, count in zip(shape, blocks, strict=True):
         at = np.clip((np.arange(side) + 0.5) / BLOCK - 0.5, 0, count - 1)
         lines.append(sparse.csr_array(np.maximum(0, 1 - np.abs(at[:, None] - np.arange(count)))))
-    return sparse.csr_array(sparse.kron(lines[0], lines[1], format="csr"), dtype=np.float32)
+    return _float32(sparse.kron(lines[0], lines[1], format="csr"))
+
+
+def _float32(matrix: Csr) -> Csr:
+    return sparse.csr_array(matrix).astype(np.float32)

@@ -35,10 +35,10 @@ class Surrogate:
     layers : weights and offsets of the network.
     """
 
-    back: NDArray[np.float32]
-    slope: NDArray[np.float32]
-    offset: NDArray[np.float32]
-    layers: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]]
+    back: NDArray[np.floating]
+    slope: NDArray[np.floating]
+    offset: NDArray[np.floating]
+    layers: Sequence[tuple[NDArray[np.floating], NDArray[np.floating]]]
 
     def start(self, captures: Pictures) -> Pictures:
         """Return the estimate of each pixel alone, as code values."""
@@ -57,7 +57,8 @@ class Surrogate:
 
 def reduced_codes(pictures: NDArray[np.uint8]) -> Pictures:
     """Return pictures at SIZE, code values from 0 to 1."""
-    return np.stack([cv2.resize(each, SIZE, interpolation=cv2.INTER_AREA) for each in pictures]) / np.float32(255)
+    small = np.stack([cv2.resize(each, SIZE, interpolation=cv2.INTER_AREA) for each in pictures])
+    return np.asarray(small / np.float32(255))
 
 
 def fit_surrogate(fitted: Fitted, pictures: NDArray[np.uint8], captures: Pictures, seed: int = 0) -> Surrogate:
@@ -65,7 +66,7 @@ def fit_surrogate(fitted: Fitted, pictures: NDArray[np.uint8], captures: Picture
     codes = reduced_codes(pictures)
     back = _back(fitted, pictures.shape[1:3])
     seen = np.stack([looked_up(capture, back) for capture in captures])
-    light = np.stack(
+    light: Pictures = np.stack(
         [cv2.resize(fitted.processing.light(each / 255), SIZE, interpolation=cv2.INTER_AREA) for each in pictures]
     )
     slope, offset, _ = regression(light, seen)
@@ -83,7 +84,7 @@ def fit_surrogate(fitted: Fitted, pictures: NDArray[np.uint8], captures: Picture
     return Surrogate(back, untrained.slope, untrained.offset, layers)
 
 
-def _back(fitted: Fitted, projector: Sequence[int]) -> NDArray[np.float32]:
+def _back(fitted: Fitted, projector: Sequence[int]) -> NDArray[np.floating]:
     """Invert the places of green: the camera pixel of each pixel of a picture of SIZE, by Newton steps."""
     places = fitted.places.places[1]
     height, width = places.shape[:2]
@@ -98,10 +99,12 @@ def _back(fitted: Fitted, projector: Sequence[int]) -> NDArray[np.float32]:
         inside = np.clip(back, 0, [width - 1, height - 1]).astype(np.float32)
         here = cv2.remap(places, inside[..., 0], inside[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         back = (inside + (target - here) @ affine[:2]).astype(np.float32)
-    return back
+    return np.asarray(back)
 
 
-def _inputs(start: NDArray[np.float32], slope: NDArray[np.float32], offset: NDArray[np.float32]) -> NDArray[np.float32]:
+def _inputs(
+    start: NDArray[np.floating], slope: NDArray[np.floating], offset: NDArray[np.floating]
+) -> NDArray[np.floating]:
     """Return the network's inputs, (pixels, inputs): the patch around a pixel, its surroundings, and its surface."""
     height, width = start.shape[:2]
     padded = cv2.copyMakeBorder(start, REACH, REACH, REACH, REACH, cv2.BORDER_REFLECT)
@@ -112,12 +115,12 @@ def _inputs(start: NDArray[np.float32], slope: NDArray[np.float32], offset: NDAr
     scale = slope.mean()
     parts += [start - 0.5, np.log(slope / scale + 0.05), 10 * offset / scale]
     parts.append(np.broadcast_to(start.mean(axis=(0, 1)) - 0.5, start.shape))
-    return np.concatenate(parts, axis=-1).reshape(height * width, -1).astype(np.float32)
+    return np.asarray(np.concatenate(parts, axis=-1).reshape(height * width, -1), np.float32)
 
 
 def _output(
-    layers: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]], inputs: NDArray[np.float32], base: Pictures
-) -> NDArray[np.float32]:
+    layers: Sequence[tuple[NDArray[np.floating], NDArray[np.floating]]], inputs: NDArray[np.floating], base: Pictures
+) -> NDArray[np.floating]:
     values = inputs
     for weight, offset in layers[:-1]:
         values = np.maximum(values @ weight + offset, 0)
@@ -125,8 +128,8 @@ def _output(
 
 
 def _trained(
-    inputs: NDArray[np.float32], base: NDArray[np.float32], wanted: NDArray[np.float32], rng: np.random.Generator
-) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    inputs: NDArray[np.floating], base: NDArray[np.floating], wanted: NDArray[np.floating], rng: np.random.Generator
+) -> list[tuple[NDArray[np.floating], NDArray[np.floating]]]:
     """Train the network by Adam on squared errors, with a rate that falls to zero."""
     sizes = [inputs.shape[1], *HIDDEN, 3]
     weights = [
@@ -149,17 +152,18 @@ def _trained(
 
 
 def _gradients(
-    weights: list[NDArray[np.float32]],
-    offsets: list[NDArray[np.float32]],
-    inputs: NDArray[np.float32],
-    wanted: NDArray[np.float32],
+    weights: list[NDArray[np.floating]],
+    offsets: list[NDArray[np.floating]],
+    inputs: NDArray[np.floating],
+    wanted: NDArray[np.floating],
 ) -> list[FloatArray]:
     """Return the gradients of the mean squared error: of all weights, then of all offsets."""
     values = [inputs]
     for weight, offset in zip(weights[:-1], offsets[:-1], strict=True):
         values.append(np.maximum(values[-1] @ weight + offset, 0))
     error = (values[-1] @ weights[-1] + offsets[-1] - wanted) / len(inputs)
-    of_weights, of_offsets = [], []
+    of_weights: list[FloatArray] = []
+    of_offsets: list[FloatArray] = []
     for number in reversed(range(len(weights))):
         of_weights.insert(0, values[number].T @ error)
         of_offsets.insert(0, error.sum(axis=0))
