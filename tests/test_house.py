@@ -134,12 +134,13 @@ ROOMS = {  # folders of the player, and the folders that each may import
     "jobs": "errors",
     "writing": "errors",
     "files": "errors memory writing",
+    "plots": "errors",
     "raster": "errors files",
     "response": "arrays errors files raster",
     "screen": "arrays errors files",
     "viewpoints": "errors files",
     "calibration": "arrays errors files raster response screen viewpoints writing",
-    "maps": "arrays calibration errors files memory writing",
+    "maps": "arrays calibration errors files memory plots writing",
     "media": "errors files writing",
     "pipeline": "arrays calibration errors files maps media raster response screen viewpoints writing",
     "overlay": "maps pipeline screen",
@@ -167,6 +168,7 @@ TOOL_ROOMS = {  # folders of the tools, and the folders that each may import
     "simulation": "blurring joining transport",
     "acquisition": "clusters colour factoring hdr inverse joining simulation solve transport",
     "report": "acquisition clusters colour inverse relighting solve transport ways",
+    "exports": "inverse transport",
     "study": "acquisition clusters colour inverse joining relighting report simulation solve transport",
 }
 
