@@ -19,31 +19,32 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
-from counterlight.show.beside import checks_of, in_step_of, lamps_of
+from counterlight.show.command_line import read_options
 from counterlight.show.compiling import compile_passes
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.from_options import (
     adjustments_of,
+    backend_of,
     check_of,
     governor_of,
-    image_display_duration,
     monitors_of,
+    path_of,
+    playing_of,
     room_of,
 )
 from counterlight.show.media import Media
-from counterlight.show.options import read_options
+from counterlight.show.options import OPTIONS, WITHOUT_COMPENSATION
 from counterlight.show.playlist import Playlist, files_of
+from counterlight.show.polled import checks_of, in_step_of, lamps_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.schedule_file import ScheduleFile
-from counterlight.show.session import Session
+from counterlight.show.session import NO_SOUND, Session, Showing, Sound
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
-
-OF_FILES = "segments", "cluster", "codec", "pix-fmt", "crf"
 
 if TYPE_CHECKING:
     from counterlight.gl.displays import Displays
@@ -66,6 +67,7 @@ def _main(argv: Sequence[str] | None) -> int | None:
             safe=options.safe,
             monitors=_monitors_of_room(options),
             fullscreen=options.fullscreen,
+            plain_options=WITHOUT_COMPENSATION,
             notify_socket=os.environ.get("NOTIFY_SOCKET"),
             schedule=schedule,
         )
@@ -182,7 +184,7 @@ def play_in_window(
             remotes=remotes,
             heartbeat=heartbeat,
             checks=checks_of(options),
-            beside=in_step_of(options, session, stack),
+            polled=in_step_of(options, session, stack),
             lamps=lamps_of(options, stack),
             on_interrupt=lambda stats: None if options.stats is None else stats.write(options.stats),
         )
@@ -190,9 +192,9 @@ def play_in_window(
 
 
 def _check_window(options: argparse.Namespace) -> None:
-    for name in OF_FILES:
-        value = getattr(options, name.replace("-", "_"))
-        if value is not None:
+    for name, row in OPTIONS.items():
+        if row.needs == "output" and name in options.given:
+            value = getattr(options, name.replace("-", "_"))
             raise InputError(f"--{name} {value}: is for --output; leave it out, or add --output FILE")
     if options.follow is not None and not options.supervised:
         try:
@@ -237,9 +239,9 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
     """Return the factory of renderers: OpenGL on a GPU, on request, or for 10-bit codes; otherwise the processor."""
     from counterlight.gl.context import in_software
 
-    chosen = options.backend
+    chosen = backend_of(options)
     if chosen == "auto":
-        drawn = options.path is not None or window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
+        drawn = window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
         chosen = "gl" if drawn else "cpu"
     if chosen == "cpu":
         with _without_blas():
@@ -249,7 +251,7 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
         return partial(ComputedRenderer, window.context)
     from counterlight.gl.renderer import GlRenderer
 
-    return lambda room: GlRenderer(window.context, room, options.path or "auto", window.bits)
+    return lambda room: GlRenderer(window.context, room, path_of(options), window.bits)
 
 
 @contextmanager
@@ -278,9 +280,9 @@ def _session(
     commanded : whether a remote may continue the show.
     """
     made = _renderer_for(options, window)
-    audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
-    if audio is not None:
-        stack.callback(audio.close)
+    sound = Sound(*open_audio(options.volume, mute=options.mute)) if options.audio else NO_SOUND
+    if sound.output is not None:
+        stack.callback(sound.output.close)
 
     def renewed(fresh: Room) -> Renderer:
         """Return a renderer of the reloaded room. The window reloads its shader if everything is intact."""
@@ -298,25 +300,14 @@ def _session(
         made(room),
         window,
         RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
-        view=options.view,
-        compensation=options.compensation,
         governor=governor_of(options, room, room.default_steps),
+        playing=playing_of(options),
+        showing=Showing(options.view, options.compensation, adjustments, options.blackout, options.osd),
+        sound=sound,
         appraised=options.stats is not None,
-        adjustments=adjustments,
         lasting=options.lasting or commanded,
-        loop_file=options.loop and len(options.media) == 1,
-        speed=options.speed,
-        start_s=options.start,
-        image_display_duration=image_display_duration(options),
-        keep_open=options.keep_open,
-        fade_s=options.fade,
-        crossfade_s=options.crossfade,
-        blackout=options.blackout,
-        osd=options.osd,
         unattended=options.supervised,
         screenshots=options.screenshot_directory,
-        audio=audio,
-        silence=silence,
     )
 
 

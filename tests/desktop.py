@@ -15,29 +15,29 @@ from Xlib.error import BadDrawable, BadWindow
 from Xlib.ext import xtest
 
 from counterlight.pipeline.room import read_room
-from tests.programs import PATIENCE_S, on, running, succeed, verb
+from tests.programs import PATIENCE_S, here, on, running, verb
 
 Box = tuple[int, int, int, int]  # left, top, width, height
 
 
-ON_A_GPU = "--path", "fragment"  # draws windows as a GPU would, and as files are rendered
+ON_A_GPU = "--shader", "fragment", "--entries", "16"  # draws windows as a GPU would, and as files are rendered
 ON_THE_PROCESSOR = "--backend", "cpu"
 
 
 def playing(
-    display: str, *arguments: object, folder: Path | None = None, how: tuple[str, str] = ON_A_GPU, **environment: str
+    display: str, *arguments: object, folder: Path | None = None, how: tuple[str, ...] = ON_A_GPU, **environment: str
 ) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start a player in a window that is drawn like a file, so that pixels can be compared exactly."""
     return running(*verb("play"), *how, *arguments, folder=folder, **on(display), **environment)
 
 
 def expected_picture(
-    room: Path, medium: Path, tmp_path: Path, *options: str, how: tuple[str, str] = ON_A_GPU
+    room: Path, medium: Path, tmp_path: Path, *options: str, how: tuple[str, ...] = ON_A_GPU
 ) -> np.ndarray:
     """Render the same view headless, RGB, with a window's number of steps for a still picture."""
     if "--refine" not in options:
         options = *options, "--refine", str(read_room(room, None).default_steps)
-    succeed("play", room, medium, *how, "--output", tmp_path / "expected.png", *options)
+    here("play", room, medium, *how, "--output", tmp_path / "expected.png", *options)
     return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
 
 

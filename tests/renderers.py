@@ -11,6 +11,7 @@ from counterlight.gl.renderer import GlRenderer
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Snapshot
@@ -18,7 +19,7 @@ from counterlight.pipeline.shortfall import Snapshot
 
 @contextmanager
 def both(
-    context: moderngl.Context, room: Room, frame: Frame, path: str = "fragment"
+    context: moderngl.Context, room: Room, frame: Frame, path: GpuPath = EVERYWHERE
 ) -> Iterator[tuple[GlRenderer, ReferenceRenderer]]:
     """Yield both renderers with `frame` uploaded; release them at the end."""
     renderers = GlRenderer(context, room, path), ReferenceRenderer(room)

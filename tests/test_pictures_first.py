@@ -24,7 +24,7 @@ from counterlight.tools.acquisition.few.order import BLACK, PRIMARIES, RAMPS, Or
 from counterlight.tools.acquisition.few.turns import Turns
 from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import Picture
-from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import LINEAR, NOISY, QUIET, error, shown_by, with_far_light
 from tests.programs import command, fail, succeed
@@ -38,7 +38,7 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-CAMERA, PROJECTOR = (30, 40), (32, 40)  # the camera sees whole periods of the sines
+CAMERA, PROJECTOR = (18, 24), (32, 40)  # the camera sees whole periods of the sines
 AMBIENT = 0.01
 GAMMAS = 2.1, 2.2, 2.35
 
@@ -153,7 +153,7 @@ def test_the_response_is_measured_by_the_same_pictures(rng: np.random.Generator)
     for count in (9,):
         found = acquired(room_of(truth, response), count, given=None)
         assert found.light is not None
-        # A place is wrong by 0.02 of 40 pixels, and 2 000 camera pixels have 1 % noise: 0.1 %.
+        # A place is wrong by 0.02 of 40 pixels, and 432 camera pixels have 1 % noise: 0.05 %.
         np.testing.assert_allclose(found.light.response.to_linear(codes), table, atol=0.01)
         assert predicted(found, truth, soft_picture(rng)) > 38
 

@@ -14,11 +14,13 @@ import pytest
 from scipy import sparse
 
 from counterlight import app, calibration
+from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.gl.context import in_software
 from counterlight.maps import room_maps as maps
 from counterlight.pipeline.operators import drive_of
 from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import read_room
 from counterlight.show import output
 from counterlight.tools import build_correction_map
 from counterlight.tools.shipped import CLIP
@@ -137,7 +139,11 @@ def test_a_file_is_rendered_on_the_processor_where_no_gpu_runs_opengl(
     """This holds on any machine. An explicit backend or path is kept without a comment."""
     software = in_software(gl_context.info["GL_RENDERER"])
     for number, (options, used) in enumerate(
-        (([], "cpu" if software else "fragment"), (["--backend", "gl"], "fragment"), (["--path", "compute"], "compute"))
+        (
+            ([], "cpu" if software else "fragment"),
+            (["--backend", "gl"], "fragment"),
+            (["--shader", "compute"], "compute"),
+        )
     ):
         out, stats = tmp_path / f"{number}.png", tmp_path / "stats.json"
         said = succeed("play", room, CLIP, "--output", out, "--stats", stats, *options)
@@ -226,7 +232,7 @@ def test_a_map_without_refinement_plays_and_says_what_is_missing(room: Path, tmp
     ["lookup.exr", "entries.exr", "transport/entries.exr", "dual/entries.exr", "direct/lookup.exr", "step_size.exr"],
 )
 @pytest.mark.parametrize("damage", ["truncated", "flipped", "missing"])
-def test_a_damaged_map_is_refused(room: Path, tmp_path: Path, file: str, damage: str) -> None:
+def test_a_damaged_map_is_refused(room: Path, file: str, damage: str) -> None:
     path = room / "correction" / file
     contents = bytearray(path.read_bytes())
     if damage == "missing":
@@ -234,9 +240,14 @@ def test_a_damaged_map_is_refused(room: Path, tmp_path: Path, file: str, damage:
     else:
         contents[-100] ^= 4
         path.write_bytes(contents if damage == "flipped" else contents[: len(contents) // 2])
-    line = fail("play", room, CLIP, "--output", tmp_path / "out.png")
-    assert file in line
-    assert f"rebuild it with: counterlight build {room}" in line
+    with pytest.raises(InputError, match=rf"{file}.*rebuild it with: counterlight build {room}"):
+        read_room(room, None)
+
+
+def test_a_damaged_map_ends_a_command_before_its_output_begins(room: Path, tmp_path: Path) -> None:
+    path = room / "correction" / "entries.exr"
+    path.write_bytes(path.read_bytes()[:-1])
+    assert "entries.exr: " in fail("play", room, CLIP, "--output", tmp_path / "out.png")
     assert not (tmp_path / "out.png").exists()
 
 
@@ -267,7 +278,10 @@ def test_no_map_yet(tmp_path: Path) -> None:
         (["ROOM", "CLIP", "--white", "nan"], "expected auto or a radiance from 1e-12"),
         (["ROOM", "CLIP", "--frames", "0"], "from 1"),
         (["ROOM", "CLIP", "--view", "side"], "invalid choice: 'side'"),
-        (["ROOM", "CLIP", "--backend", "cpu", "--path", "auto"], "--backend cpu has no GPU to take it on"),
+        (
+            ["ROOM", "CLIP", "--backend", "cpu", "--entries", "auto"],
+            "--entries auto: --backend cpu has no GPU to use it",
+        ),
         (["ROOM"], "needs a CALIBRATION and MEDIA"),
         (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
         (["ROOM", "CLIP", "--loop", "--output", "OUT/o.mp4"], "never ends"),

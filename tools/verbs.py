@@ -38,6 +38,7 @@ VERBS = {
     "compensate": Verb("tools.compensate_image", "compute one projector picture by reference solvers"),
     "relight": Verb("tools.relight", "compute how a room looks under a picture"),
     "merge-exposures": Verb("tools.merge_exposures", "merge photographs into a radiance map"),
+    "export": Verb("tools.export_room", "write warp, blend and colour for other programs"),
     "fit-response": Verb("tools.fit_projector_response", "fit a projector's response to measured grey levels"),
     "projector": Verb("tools.control_projectors", "switch projectors on and off, or print their state"),
     "study": Verb("tools.study_accuracy", "measure what accuracy costs in time"),

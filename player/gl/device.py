@@ -12,7 +12,7 @@ from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_text
 from counterlight.gl.paths import GlMaps, store_maps
 from counterlight.gl.planes import Planes
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline.device import NearLight, Owner
+from counterlight.pipeline.device import EVERYWHERE, GpuPath, NearLight, Owner
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.room import Room
 from counterlight.response import RasterResponse
@@ -24,11 +24,12 @@ CODES = {8: 0x8058, 10: 0x8059}  # internal formats: RGBA8, RGB10_A2
 class GlDevice:
     """Makes pictures as RGBA32F textures. The caller owns the context.
 
+    path : how to multiply with a room's maps.
     bits : bits per encoded code value, 8 or 10.
     """
 
-    def __init__(self, context: moderngl.Context, bits: int = 8) -> None:
-        self._context, self._bits = context, bits
+    def __init__(self, context: moderngl.Context, path: GpuPath = EVERYWHERE, bits: int = 8) -> None:
+        self._context, self._path, self._bits = context, path, bits
 
     def picture(self, picture: NDArray[np.floating]) -> moderngl.Texture:
         return picture_texture(self._context, picture.astype(np.float32, copy=False))
@@ -45,8 +46,8 @@ class GlDevice:
         values = {name: tuple(v) if isinstance(v, np.ndarray) else v for name, v in uniforms.items()}
         return Pass(self._context, shader, float_texture(self._context, shape), defines, **values)
 
-    def store(self, room: Room, path: str) -> GlMaps:
-        return store_maps(self._context, room, path)
+    def store(self, room: Room) -> GlMaps:
+        return store_maps(self._context, room, self._path)
 
     def planes(self, pixels: PixelFormat) -> Planes:
         return Planes(self._context, pixels)

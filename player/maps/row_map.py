@@ -56,6 +56,11 @@ class SparseRows:
 
     __repr__ = brief
 
+    @classmethod
+    def empty(cls, rows: int, columns: int) -> "SparseRows":
+        """Return rows without entries, float32."""
+        return cls(np.zeros(rows + 1, np.int64), np.empty(0, np.int32), np.empty((0, 3), np.float32), columns)
+
     @property
     def shape(self) -> tuple[int, int]:
         return self.indptr.size - 1, self.columns
@@ -122,6 +127,15 @@ class SparseRows:
         kept = self.where(place[self.indices] >= 0)
         return replace(kept, indices=place[kept.indices], columns=chosen.size)
 
+    def ascending(self) -> "SparseRows":
+        """Sort the entries of each row by column."""
+        rises = np.diff(self.indices, prepend=-1) > 0
+        rises[self.indptr[:-1][self.lengths > 0]] = True
+        if rises.all():
+            return self
+        order = np.lexsort((self.indices, self.rows))
+        return replace(self, indices=self.indices[order], weights=self.weights[order])
+
     def inside(self, mask: NDArray[np.bool_]) -> "SparseRows":
         """Empty the rows outside a mask (rows,), and drop entries of 0."""
         return self.where((self.weights != 0).any(axis=1) & mask[self.rows])
@@ -145,7 +159,7 @@ def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:
     return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, bands[0].columns)
 
 
-def beside_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
+def next_to_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
     """Join the columns of two matrices: each row has its entries of `left`, then of `right`."""
     indptr, pair = left.indptr + right.indptr, (left, right)
     before = right.indptr[:-1], left.indptr[1:]
@@ -236,7 +250,7 @@ def pack(
 
 def unpack(packed: RowMap) -> SparseRows:
     """Return the matrix that `pack` received, without zero entries."""
-    from counterlight.maps.unpacking import unpack_entries  # imports Numba, which takes half a second
+    from counterlight.maps.products import unpack_entries  # imports Numba, which takes half a second
 
     indptr, (height, width) = _indptr(packed), packed.source_shape
     rows = SparseRows(indptr, np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32), height * width)
@@ -401,7 +415,7 @@ def read_texture(
             raise InputError(f"{file.name}: its channels are not {np.dtype(dtype).name}; {fix}")
         look(rows)
 
-    return exr.read_beside(file, names, accept, of_the_type, MOST_TEXELS)
+    return exr.read_stacked(file, names, accept, of_the_type, MOST_TEXELS)
 
 
 def size_of(shape: tuple[int, int]) -> list[int]:

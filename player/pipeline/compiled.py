@@ -19,8 +19,7 @@ from numba.core.sigutils import normalize_signature
 from numpy.typing import NDArray
 
 from counterlight.maps.mixing import SWEEPS
-from counterlight.maps.products import kept
-from counterlight.maps.unpacking import unpack_entries
+from counterlight.maps.products import kept, unpack_entries
 from counterlight.pipeline.reference import TINY
 
 Picture = NDArray[np.float32]

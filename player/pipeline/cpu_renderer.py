@@ -35,7 +35,7 @@ DITHERS = {"none": compiled_encoding.NO_DITHER, "ordered": compiled_encoding.ORD
 
 class CpuRenderer(Renderer):
     def __init__(self, room: Room) -> None:
-        super().__init__(CpuDevice(), room, "cpu")
+        super().__init__(CpuDevice(), room)
 
 
 class CpuDevice(ReferenceDevice):
@@ -52,8 +52,8 @@ class CpuDevice(ReferenceDevice):
         flags = {FLAGS[name]: True for name in defines or {} if name in FLAGS}
         return Drawn(PASSES[shader], shape, uniforms | flags)
 
-    def store(self, room: Room, path: str) -> StoredMaps:
-        return Maps(room, path, _Map)
+    def store(self, room: Room) -> StoredMaps:
+        return Maps(room, "cpu", _Map)
 
     def planes(self, pixels: PixelFormat) -> Planes:
         return _Planes(pixels)

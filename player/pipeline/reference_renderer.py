@@ -64,7 +64,7 @@ COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
 
 class ReferenceRenderer(Renderer):
     def __init__(self, room: Room) -> None:
-        super().__init__(ReferenceDevice(), room, "reference")
+        super().__init__(ReferenceDevice(), room)
 
 
 class ReferenceDevice:
@@ -88,8 +88,8 @@ class ReferenceDevice:
             uniforms["target"] = shape
         return Twin(TWINS[shader], shape, uniforms)
 
-    def store(self, room: Room, path: str) -> StoredMaps:
-        return Maps(room, path, _Map)
+    def store(self, room: Room) -> StoredMaps:
+        return Maps(room, "reference", _Map)
 
     def planes(self, pixels: PixelFormat) -> device.Planes:
         return Planes(pixels)

@@ -103,7 +103,7 @@ class _Slope:
         own = self._owner.own
         self._residual = own(_Residual(stored, "WEIGHED_RESIDUAL" if stored.weighs else SUBTRACT))
         self._dual = own(stored.of(maps.dual).product())
-        self._beside = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in maps.beside]
+        self._chains = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in maps.chains]
 
     def run(self, y: Light, b: Light) -> tuple[Light, Light]:
         """Return the residual (weighted if the maps weigh) and the slope."""
@@ -117,7 +117,7 @@ class _Slope:
     def gathered(self, residual: Light) -> Light:
         """Return TᵀW of a residual from `source`."""
         descent = self._dual.run(residual)
-        for chain in self._beside:
+        for chain in self._chains:
             descent = chain.run(residual, descent)
         return descent
 
@@ -138,15 +138,14 @@ class _Residual:
 
     def __init__(self, stored: StoredMaps, last: str) -> None:
         self._owner, maps = Owner(), stored.room.maps
-        own, combined = self._owner.own, [*[SUBTRACT] * len(maps.beside), last]
+        own, combined = self._owner.own, [*[SUBTRACT] * len(maps.chains), last]
         self._near = own(stored.of(maps.transport).product(combined[0]))
-        self._beside = [
-            own(ChainPass(stored, chain, how)) for chain, how in zip(maps.beside, combined[1:], strict=True)
-        ]
+        pairs = zip(maps.chains, combined[1:], strict=True)
+        self._chains = [own(ChainPass(stored, chain, how)) for chain, how in pairs]
 
     def run(self, y: Light, b: Light) -> Light:
         residual = self._near.run(y, b)
-        for chain in self._beside:
+        for chain in self._chains:
             residual = chain.run(y, residual)
         return residual
 
@@ -179,11 +178,11 @@ class _Certifier:
         gap = self._of_projector.run(self._gap.run(descent=descent, p=p))
         squared = self._squared.run(picture=slope.residual(p, goal.unbounded), weights=self._lit)
         error = np.asarray(self._of_camera.run(squared), np.float64)
-        beside, usual = (
+        outside, usual = (
             float(np.sum(self._of_projector.run(self._weighted.run(picture=drive, weights=self._unseen))))
             for drive in (p, goal.plain)
         )
-        return Certificate(error, gap, beside / usual if usual > 0 else None), descent
+        return Certificate(error, gap, outside / usual if usual > 0 else None), descent
 
     def release(self) -> None:
         self._owner.release()

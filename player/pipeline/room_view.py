@@ -23,19 +23,19 @@ class RoomView:
     views : draws the maps that can be shown.
     """
 
-    def __init__(self, device: Device, room: Room, path: str) -> None:
+    def __init__(self, device: Device, room: Room) -> None:
         self.room, self._owner = room, Owner()
         self._guesses: dict[tuple[str, bool], Guess] = {}
         try:
-            self._build(device, path)
+            self._build(device)
         except BaseException:
             self.release()
             raise
 
-    def _build(self, device: Device, path: str) -> None:
+    def _build(self, device: Device) -> None:
         own, maps = self._owner.own, self.room.maps
         ambient = own(device.picture(self.room.ambient))
-        self.stored = own(device.store(self.room, path))
+        self.stored = own(device.store(self.room))
         undo = None if maps.undo is None else own(ChainPass(self.stored, maps.undo, "SUBTRACT_FROM_BASE"))
         self.near_light = NearLight(undo)
         self.refiner = None

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from counterlight.command import tell
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.picture_files import read_picture
-from counterlight.files.png import write_png
-from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.files.picture_files import read_picture, write_png
+from counterlight.media.decoding.opening import log_natively
 from counterlight.media.sound_track import SoundTrack
 from counterlight.media.video import MediaReader
 from counterlight.writing.numbered import is_numbered, name_of
@@ -250,14 +249,14 @@ class _VideoOutput:
             context.colorspace = context.color_primaries = context.color_trc = BT709
             context.color_range = int(ColorRange.MPEG)
         self._stream = stream
-        self._sound = self._sound_beside()
+        self._sound = self._opened_sound()
         return stream
 
     @staticmethod
     def _is_yuv(stream: av.VideoStream) -> bool:
         return str(stream.pix_fmt).startswith("yuv")
 
-    def _sound_beside(self) -> SoundTrack | None:
+    def _opened_sound(self) -> SoundTrack | None:
         if self._sound_file is None:
             return None
         try:

@@ -13,12 +13,10 @@ import numpy as np
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
-from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.context import headless_context, in_software
+from counterlight.gl.gpu_maps import MapBuffers, MapTextures, WordBuffers, WordTextures, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.renderer import GlRenderer
-from counterlight.gl.row_map_pass import MapTextures
-from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
@@ -26,14 +24,14 @@ from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.device import StoredMap
+from counterlight.pipeline.device import GpuPath, StoredMap
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.words_fit import fit
-from counterlight.tools.inverse.words_light import ascending, small_map
+from counterlight.tools.inverse.words_light import small_map
 from counterlight.tools.shipped import CLIP
 from tests.bench.rows import REPEATS, WARM_UP, median_ms
 
@@ -152,16 +150,16 @@ def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) 
     if supports_compute(context):
         ways.append(("compute", lambda: MapBuffers(context, packed), 16 * packed.count + 16 * pixels))
     words = words_of(packed)
-    ways.append(("fragment, words", lambda: SmallTextures(context, words), words.nbytes))
+    ways.append(("fragment, words", lambda: WordTextures(context, words), words.nbytes))
     if supports_compute(context):
-        ways.append(("compute, words", lambda: SmallBuffers(context, words), words.nbytes))
+        ways.append(("compute, words", lambda: WordBuffers(context, words), words.nbytes))
     for name, store, map_bytes in ways:
         yield Contender(name, product_ms(context, store(), picture), (map_bytes + pictures) / MB)
 
 
 def words_of(packed: RowMap) -> WordMap:
     """Returns words that are certified to a code value per row, for any source within 0..1."""
-    rows = ascending(unpack(packed))
+    rows = unpack(packed).ascending()
     found = fit(rows, np.ones((rows.columns, 3)), np.full((rows.shape[0], 3), 1 / 255))
     return WordMap.of(small_map((packed.output_shape, packed.source_shape), rows, found))
 
@@ -238,9 +236,9 @@ def refined_line(
     room = bench_room(RoomMaps(dual, transport, None, None, 0.5, refinement=refinement), projector, camera)
     frame = radiance_frame(rng.uniform(0, 0.5, (*camera, 3)).astype(np.float32))
     found = []
-    backends: list[Callable[[], Renderer]] = [lambda: GlRenderer(context, room, "fragment")]
+    backends: list[Callable[[], Renderer]] = [lambda: GlRenderer(context, room)]
     if supports_compute(context):
-        backends.append(lambda: GlRenderer(context, room, "compute"))
+        backends.append(lambda: GlRenderer(context, room, GpuPath("compute")))
     for made in (*backends, lambda: CpuRenderer(room)):
         renderer = made()
         renderer.open(frame.format)

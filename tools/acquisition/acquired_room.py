@@ -18,7 +18,7 @@ from counterlight.response import Response
 from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import DEFAULT_AIM, Acquisition, acquire
 from counterlight.tools.acquisition.averaging import Aim
-from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
+from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
@@ -31,11 +31,11 @@ from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.factoring.factoring import Factoring, compacted, factored
+from counterlight.tools.joining.projectors import joined, told_colours, with_monitors
+from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.solve.box import CHECK_EVERY, Box
-from counterlight.tools.transport.joining import joined, told_colours, with_monitors
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
@@ -134,7 +134,7 @@ def _part(done: Acquisition, projector: Shape, camera: Camera, plan: Plan, name:
         name,
         f"acquire-transport, scheme {plan.scheme}, {done.pictures} pictures, camera {camera.name}; response {source}",
         (Device(*projector, response),),
-        Device(shape[0], shape[1], LINEAR),
+        Device(shape[0], shape[1], done.curve.response if done.curve else camera.exposures.response),
         ambient,
         mask,
         None if done.light is None else done.light.primaries,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline import views
-from counterlight.pipeline.operators import chained, compensation
+from counterlight.pipeline.operators import compensation, prepared
 from counterlight.pipeline.reference import counted, shortfalls
 from counterlight.pipeline.views import MID_GREY
 from counterlight.tools.colour.tiers import Tier
@@ -100,7 +100,7 @@ def find_impossible(tier: Tier, maps: RoomMaps) -> Impossible:
 
 
 def _far_light_of_grey(maps: RoomMaps, light: FloatArray) -> FloatArray:
-    far = chained(maps.far)
+    far = prepared(maps.far)
     return np.zeros_like(light) if far is None else far.apply(np.clip(compensation(maps).apply(light), 0, 1))
 
 
