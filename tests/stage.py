@@ -1,7 +1,7 @@
 """Session with fakes around it: clock, reader, renderer and display."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -220,9 +220,9 @@ class Stage:
         self.outside: Callable[[Viewpoint], str | None] = lambda viewpoint: None
         told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat", "checks") if name in options}
         governed = {name: options.pop(name) for name in GOVERNED if name in options}
-        groups = {"playing": Playing, "showing": Showing}
+        groups: dict[str, Any] = {"playing": Playing, "showing": Showing}
         grouped = {
-            group: made(**{name: options.pop(name) for name in made.__dataclass_fields__ if name in options})
+            group: made(**{each.name: options.pop(each.name) for each in fields(made) if each.name in options})
             for group, made in groups.items()
         }
         self.session = Session(

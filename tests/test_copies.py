@@ -57,6 +57,23 @@ def test_a_copy_that_is_killed_says_so_and_its_text_is_there(tmp_path: Path) -> 
     copy.kill()  # no process, whichever has this number now
 
 
+LOOP = """
+import numpy as np
+from counterlight.pipeline import compiled
+loaded = len(compiled.combined.signatures)
+out, one = np.zeros((2, 6), np.float32), np.ones((2, 6), np.float32)
+compiled.combined(np.float32(2), one, np.float32(3), one, False, out)
+print(loaded, out.sum())
+"""
+
+
+def test_a_copy_has_what_others_have_compiled_and_runs_its_loops(tmp_path: Path) -> None:
+    for loaded in ("01", "1"):  # the first may have to compile it
+        copy = Copy(["-c", LOOP], os.environ, tmp_path, None)
+        found, _ = copy.communicate(timeout=60)
+        assert (found[0] in loaded, found[1:], copy.returncode) == (True, " 60.0\n", 0)
+
+
 def test_what_is_read_during_import_needs_a_new_interpreter() -> None:
     assert read_early(os.environ | {"OPENBLAS_NUM_THREADS": "3"})
     assert read_early({})

@@ -56,6 +56,11 @@ class SparseRows:
 
     __repr__ = brief
 
+    @classmethod
+    def empty(cls, rows: int, columns: int) -> "SparseRows":
+        """Return rows without entries, float32."""
+        return cls(np.zeros(rows + 1, np.int64), np.empty(0, np.int32), np.empty((0, 3), np.float32), columns)
+
     @property
     def shape(self) -> tuple[int, int]:
         return self.indptr.size - 1, self.columns
