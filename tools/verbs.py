@@ -31,6 +31,7 @@ VERBS = {
     "acquire": Verb("tools.acquire_transport", "measure a room with projectors and cameras"),
     "import-transport": Verb("tools.import_transport", "make a room from matrices that were measured elsewhere"),
     "import-graycode": Verb("tools.import_graycode", "make a room from photographs of Gray-code patterns"),
+    "import-pairs": Verb("tools.import_pairs", "make a room from ordinary pictures and their photographs"),
     "join": Verb("tools.join_projectors", "join rooms of several projectors, cameras or views"),
     "build": Verb("tools.build_correction_map", "compute the correction map, which the player needs"),
     "verify": Verb("tools.verify_projection", "check a room, or a compensated picture, with its camera"),
