@@ -5,7 +5,7 @@
 //   and their entries are interleaved; `source`, the picture. One index serves the three channels.
 // Defines: GROUP, LANES; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product; CLAMP limits the result to 0..1.
 // Output: `target`, output size, one value per row and channel.
-// CPU twin: PreparedRows in player/pipeline/reference.py.
+// Pass: player/passes/product.py.
 layout(local_size_x = GROUP) in;
 
 layout(std430, binding = 0) readonly buffer Rows { uvec4 rows[]; };

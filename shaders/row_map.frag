@@ -8,7 +8,7 @@
 //   from `first_line` on, which this tile of the entries texture holds; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the
 //   product; CLAMP limits the result to 0..1.
 // Output: one value per row and channel, output size.
-// CPU twin: PreparedRows in player/pipeline/reference.py.
+// Pass: player/passes/product.py.
 uniform usampler2D lookup;
 uniform sampler2D entries;
 uniform sampler2D source;

@@ -7,7 +7,7 @@
 // Defines: GROUP, LANES, SOURCE_WIDTH; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
 //   WEIGHED_RESIDUAL multiplies the difference by trust and colour, as source of the transpose; CLAMP limits to 0..1.
 // Output: `target`, output size, one value per row and channel.
-// CPU twin: WordMap.unpacked in player/maps/word_map.py.
+// Pass: player/passes/product.py.
 layout(local_size_x = GROUP) in;
 
 layout(std430, binding = 0) readonly buffer Rows { uint rows[]; };

@@ -6,7 +6,7 @@
 // Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
 //   WEIGHED_RESIDUAL multiplies the difference by trust and colour, as source of the transpose; CLAMP limits to 0..1.
 // Output: one value per row and channel, output size.
-// CPU twin: WordMap.unpacked in player/maps/word_map.py.
+// Pass: player/passes/product.py.
 uniform usampler2D rows, words;
 uniform sampler2D source;
 uniform float scale;

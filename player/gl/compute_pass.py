@@ -11,6 +11,7 @@ from counterlight.gl.passes import float_texture
 from counterlight.gl.shaders import build_compute_program
 from counterlight.maps.row_map import RowMap, UintArray
 from counterlight.maps.sliced_map import GROUP, Part, lanes_of, parts
+from counterlight.passes.product import COMPUTE_SHADER, Combining
 from counterlight.pipeline.device import LONG_BYTES, Owner
 
 VERSION = 430
@@ -39,11 +40,11 @@ class MapBuffers:
             self.release()
             raise
 
-    def product(self, combine: str = "") -> "ComputePass":
+    def product(self, combining: Combining = "") -> "ComputePass":
         defines: dict[str, int | None] = {"GROUP": GROUP, "LANES": self.lanes}
-        if combine:
-            defines[combine] = None
-        return ComputePass(self._context, self, "row_map.comp", defines)
+        if combining:
+            defines[combining] = None
+        return ComputePass(self._context, self, COMPUTE_SHADER, defines)
 
     def release(self) -> None:
         self._owner.release()

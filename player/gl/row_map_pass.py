@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import moderngl
 
-from counterlight.gl.passes import Pass, float_texture, integer_texture
+from counterlight.gl.passes import ShaderPass, float_texture, integer_texture
 from counterlight.maps.row_map import RowMap
+from counterlight.passes.product import SHADER, Combining
 from counterlight.pipeline.device import Owner
 
 TILE_TEXELS = 1 << 25  # per texture, 512 MiB of entries; llvmpipe ends at 1 GiB, and no driver guarantees more
@@ -43,8 +44,8 @@ class MapTextures:
             self.release()
             raise
 
-    def product(self, combine: str = "") -> "RowMapPass":
-        return RowMapPass(self._context, self, combine)
+    def product(self, combining: Combining = "") -> "RowMapPass":
+        return RowMapPass(self._context, self, combining)
 
     def release(self) -> None:
         self._owner.release()
@@ -60,19 +61,19 @@ class MapTextures:
 class RowMapPass:
     """target = Σ weights · source, or base ± this sum, or the sum clamped to 0..1; one draw per tile.
 
-    combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP".
+    combining : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP".
     """
 
-    def __init__(self, context: moderngl.Context, textures: MapTextures, combine: str = "") -> None:
+    def __init__(self, context: moderngl.Context, textures: MapTextures, combining: Combining = "") -> None:
         defines: dict[str, int | None] = {"SOURCE_WIDTH": textures.source_shape[1]}
         if textures.is_wide:
             defines["WIDE_INDEX"] = None
         if len(textures.tiles) > 1:
             defines["TILED"] = None
-        if combine:
-            defines[combine] = None
+        if combining:
+            defines[combining] = None
         self._textures = textures
-        self._pass = Pass(context, "row_map.frag", float_texture(context, textures.output_shape), defines)
+        self._pass = ShaderPass(context, SHADER, float_texture(context, textures.output_shape), defines)
 
     def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture:
         optional = {} if base is None else {"base": base}

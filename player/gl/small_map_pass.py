@@ -3,12 +3,13 @@
 import moderngl
 
 from counterlight.gl.compute_pass import ENTRIES, PART_ENTRIES, ROWS, ComputePass, PartBuffers
-from counterlight.gl.passes import Pass, float_texture, integer_texture
+from counterlight.gl.passes import ShaderPass, float_texture, integer_texture
 from counterlight.maps.row_map import UintArray
 from counterlight.maps.sliced_map import GROUP
 from counterlight.maps.sliced_words import WordPart, lanes_of_words, word_parts
 from counterlight.maps.small_map import WORD_BYTES
 from counterlight.maps.word_map import WordMap
+from counterlight.passes.product import WORDS_COMPUTE_SHADER, WORDS_SHADER, Combining
 from counterlight.pipeline.device import Owner
 
 GROUPS = 2  # binding of the workgroups' buffer
@@ -29,8 +30,8 @@ class SmallTextures:
             self.release()
             raise
 
-    def product(self, combine: str = "") -> "SmallPass":
-        return SmallPass(self._context, self, combine)
+    def product(self, combining: Combining = "") -> "SmallPass":
+        return SmallPass(self._context, self, combining)
 
     def release(self) -> None:
         self._owner.release()
@@ -39,14 +40,14 @@ class SmallTextures:
 class SmallPass:
     """target = Σ weights · source, or base ± this sum, or w C ∘ (base − sum), or the sum clamped to 0..1.
 
-    combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL" or "CLAMP".
+    combining : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL" or "CLAMP".
     """
 
-    def __init__(self, context: moderngl.Context, textures: SmallTextures, combine: str = "") -> None:
+    def __init__(self, context: moderngl.Context, textures: SmallTextures, combining: Combining = "") -> None:
         small = textures.small
-        defines = defines_of(small, combine) | {"WORDS_ACROSS": small.words.shape[1]}
+        defines = defines_of(small, combining) | {"WORDS_ACROSS": small.words.shape[1]}
         self._textures, target = textures, float_texture(context, small.output_shape)
-        self._pass = Pass(context, "small_map.frag", target, defines, scale=small.scale)
+        self._pass = ShaderPass(context, WORDS_SHADER, target, defines, scale=small.scale)
 
     def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture:
         optional = {} if base is None else {"base": base}
@@ -73,9 +74,9 @@ class SmallBuffers:
             self.release()
             raise
 
-    def product(self, combine: str = "") -> ComputePass:
-        defines = defines_of(self.small, combine) | {"GROUP": GROUP, "LANES": self.lanes}
-        return ComputePass(self._context, self, "small_map.comp", defines, scale=self.small.scale)
+    def product(self, combining: Combining = "") -> ComputePass:
+        defines = defines_of(self.small, combining) | {"GROUP": GROUP, "LANES": self.lanes}
+        return ComputePass(self._context, self, WORDS_COMPUTE_SHADER, defines, scale=self.small.scale)
 
     def release(self) -> None:
         self._owner.release()
@@ -85,8 +86,8 @@ def _bound(part: WordPart) -> dict[int, UintArray]:
     return {ROWS: part.rows, ENTRIES: part.words, GROUPS: part.groups}
 
 
-def defines_of(small: WordMap, combine: str) -> dict[str, int | None]:
+def defines_of(small: WordMap, combining: Combining) -> dict[str, int | None]:
     defines: dict[str, int | None] = {"SOURCE_WIDTH": small.source_shape[1]}
     if small.colours is not None:
         defines["COLOURED"] = None
-    return defines | ({combine: None} if combine else {})
+    return defines | ({combining: None} if combining else {})

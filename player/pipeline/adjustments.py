@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.files.cube import Cube
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline.colour import LUMA_WEIGHTS, Decoding
+from counterlight.passes.colour import LUMA_WEIGHTS, Decoding
 from counterlight.pipeline.parameters import CONTROL, PARAMETERS
 from counterlight.pipeline.placement import Corners, check_corners
 from counterlight.pipeline.value_types import UnreadError

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.room_maps import BlurredMaps, FarMaps, RoomMaps
-from counterlight.pipeline.reference import PreparedRows
+from counterlight.maps.row_map import PreparedRows
 
 Light = NDArray[np.floating]
 

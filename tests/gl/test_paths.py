@@ -15,10 +15,9 @@ from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
 from counterlight.gl.row_map_pass import MapTextures
-from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.device import Owner, StoredMap
-from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import STARTS
 from counterlight.tools import build_correction_map
 from tests.refined_rooms import physical_room

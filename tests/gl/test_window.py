@@ -15,7 +15,6 @@ import pytest
 
 from counterlight.files import exr
 from counterlight.gl.context import in_software
-from counterlight.pipeline import encoding
 from counterlight.response import Response
 from counterlight.tools.shipped import CLIP
 from tests.desktop import (
@@ -29,6 +28,7 @@ from tests.desktop import (
     window_depths,
     xrandr,
 )
+from tests.oracles import encoding
 from tests.programs import PATIENCE_S, command, descendants, fail, on, succeed, wait_until
 from tests.rooms import write_blurred_room, write_one_to_one_room
 from tests.screens import one_screen

@@ -18,7 +18,7 @@ from scipy import sparse
 from counterlight.arrays import FloatArray, brief
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows, below_each_other
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.operators import Light, Operator, Sum
 from counterlight.tools.transport.blurred import BlurredLight
 

@@ -1,14 +1,61 @@
-"""The compiled pass from light to code values; see encoding.py."""
+"""Linear light to code values: own primaries, inverse response, then dithering."""
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.pipeline.compiled import PICTURE, PLANE, Picture, Whole, inlined, kernel, looked_up, within
+from counterlight.passes.drawing import Array
+from counterlight.passes.kernel import PICTURE, PLANE, Whole, inlined, kernel, looked_up, prange, within
+from counterlight.response import RasterResponse
 
+SHADER = "encode.frag"
 NO_DITHER, ORDERED, NOISE = range(3)
+DITHERS = "none", "ordered", "noise"
+
+
+class Encode:
+    """Converts light to 8-bit code values.
+
+    response : response of each column's projector.
+    scale : light of a white pixel.
+    dither : one of DITHERS.
+    """
+
+    def __init__(self, response: RasterResponse, scale: float, dither: str) -> None:
+        self._codes = np.ascontiguousarray(response.inverse_tables().swapaxes(1, 2))
+        self._of_column, self._row_height = response.of_column, response.row_height
+        self._mixes = response.matrices is not None
+        self._colours = np.zeros((1, 3, 3), np.float32) if response.matrices is None else response.matrices
+        none, segments = np.zeros((0, 2, 3, 1), np.float32), response.segment_tables()
+        self._segments = none if segments is None else np.ascontiguousarray(segments.swapaxes(2, 3))
+        self._scale, self._dither = np.float32(scale), DITHERS.index(dither)
+
+    def fill(self, light: Array, frame: int, out: NDArray[np.uint8]) -> None:
+        """Encode a picture. frame : frame number; seeds the noise."""
+        projectors = self._codes, self._of_column, self._row_height, self._colours, self._mixes, self._segments
+        dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), THRESHOLDS
+        encode(light, *projectors, self._scale, *dithered, out)
+
+
+def encoded(light: NDArray[np.floating], response: RasterResponse, scale: float = 1.0) -> NDArray[np.uint8]:
+    """Return the code values of a picture (height, width, 3), without dithering. scale : light of a white pixel."""
+    codes = np.empty(light.shape, np.uint8)
+    Encode(response, scale, "none").fill(np.ascontiguousarray(light, np.float32), 0, codes)
+    return codes
+
+
+def _bayer() -> Array:
+    """Return thresholds of ordered dither, repeated every 8 pixels: (8, 8)."""
+    y, x = np.mgrid[:8, :8]
+    x ^= y
+    rank = np.zeros((8, 8), np.int64)
+    for bit in range(3):
+        rank = (rank << 2) | (((x >> bit) & 1) << 1) | ((y >> bit) & 1)
+    return ((rank + 0.5) / 64).astype(np.float32)
+
+
+THRESHOLDS = _bayer()
 
 
 @kernel(
@@ -16,20 +63,20 @@ NO_DITHER, ORDERED, NOISE = range(3)
     f"{PLANE}, uint8[:, :, ::1]"
 )
 def encode(
-    light: Picture,
-    codes: Picture,
+    light: Array,
+    codes: Array,
     of_column: Whole,
     row_height: Any,
-    colours: Picture,
+    colours: Array,
     mixes: Any,
-    segments: Picture,
+    segments: Array,
     scale: Any,
     dither: Any,
     frame: Any,
-    thresholds: Picture,
+    thresholds: Array,
     out: NDArray[np.uint8],
 ) -> None:
-    """Convert linear light to 8-bit code values (encode).
+    """Convert linear light to 8-bit code values.
 
     codes : (projectors, 3, samples). Code values over √light.
     of_column : (rows of projectors, width). Index of the projector that each column belongs to.
@@ -37,7 +84,7 @@ def encode(
     segments : (projectors, 2, 3, samples), or empty.
     thresholds : of ORDERED dither, repeated.
     """
-    for y in numba.prange(out.shape[0]):
+    for y in prange(out.shape[0]):
         for x in range(out.shape[1]):
             seed, own = np.uint32(0), of_column[y // row_height, x]
             if dither == NOISE:
