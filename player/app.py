@@ -20,18 +20,21 @@ from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.show.beside import checks_of, in_step_of, lamps_of
+from counterlight.show.command_line import read_options
 from counterlight.show.compiling import compile_passes
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.from_options import (
     adjustments_of,
+    backend_of,
     check_of,
     governor_of,
     image_display_duration,
     monitors_of,
+    path_of,
     room_of,
 )
 from counterlight.show.media import Media
-from counterlight.show.options import read_options
+from counterlight.show.options import OPTIONS, WITHOUT_COMPENSATION
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
@@ -42,8 +45,6 @@ from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
-
-OF_FILES = "segments", "cluster", "codec", "pix-fmt", "crf"
 
 if TYPE_CHECKING:
     from counterlight.gl.displays import Displays
@@ -66,6 +67,7 @@ def _main(argv: Sequence[str] | None) -> int | None:
             safe=options.safe,
             monitors=_monitors_of_room(options),
             fullscreen=options.fullscreen,
+            plain_options=WITHOUT_COMPENSATION,
             notify_socket=os.environ.get("NOTIFY_SOCKET"),
             schedule=schedule,
         )
@@ -190,9 +192,9 @@ def play_in_window(
 
 
 def _check_window(options: argparse.Namespace) -> None:
-    for name in OF_FILES:
-        value = getattr(options, name.replace("-", "_"))
-        if value is not None:
+    for name, row in OPTIONS.items():
+        if row.needs == "output" and name in options.given:
+            value = getattr(options, name.replace("-", "_"))
             raise InputError(f"--{name} {value}: is for --output; leave it out, or add --output FILE")
     if options.follow is not None and not options.supervised:
         try:
@@ -237,9 +239,9 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
     """Return the factory of renderers: OpenGL on a GPU, on request, or for 10-bit codes; otherwise the processor."""
     from counterlight.gl.context import in_software
 
-    chosen = options.backend
+    chosen = backend_of(options)
     if chosen == "auto":
-        drawn = options.path is not None or window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
+        drawn = window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
         chosen = "gl" if drawn else "cpu"
     if chosen == "cpu":
         with _without_blas():
@@ -249,7 +251,7 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
         return partial(ComputedRenderer, window.context)
     from counterlight.gl.renderer import GlRenderer
 
-    return lambda room: GlRenderer(window.context, room, options.path or "auto", window.bits)
+    return lambda room: GlRenderer(window.context, room, path_of(options), window.bits)
 
 
 @contextmanager

@@ -21,10 +21,8 @@ from counterlight import viewpoints
 from counterlight.arrays import brief
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.generation import read_steadily
-from counterlight.files.manifest import describe_files, sha256_of, write_toml
-from counterlight.files.picture_files import MAX_SIDE, grey, read_picture
-from counterlight.files.png import write_png
+from counterlight.files.manifest import describe_files, read_steadily, sha256_of, write_toml
+from counterlight.files.picture_files import MAX_SIDE, grey, read_picture, write_png
 from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
 from counterlight.files.tables import LONGEST_TEXT, Table
 from counterlight.raster import Raster, Region, side_by_side

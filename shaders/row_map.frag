@@ -5,8 +5,7 @@
 //   index = x + y·SOURCE_WIDTH; `source`, the picture.
 // Defines: SOURCE_WIDTH, compiled in because the division by a uniform took most of the time on llvmpipe;
 //   WIDE_INDEX reads the index from a texture of its own; TILED draws only rows whose entries lie in the `lines` lines
-//   from `first_line` on, which this tile of the entries texture holds; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the
-//   product; CLAMP limits the result to 0..1.
+//   from `first_line` on, which this tile of the entries texture holds; those of product.glsl.
 // Output: one value per row and channel, output size.
 // Pass: player/passes/product.py.
 uniform usampler2D lookup;
@@ -19,11 +18,10 @@ uniform usampler2D wide_index;
 uniform int first_line;
 uniform int lines;
 #endif
-#if defined(ADD_TO_BASE) || defined(SUBTRACT_FROM_BASE)
-uniform sampler2D base;
-#endif
 
 out vec4 result;
+
+#include "product.glsl"
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
@@ -46,13 +44,5 @@ void main() {
 #endif
         sum += entry.rgb * texelFetch(source, ivec2(index % SOURCE_WIDTH, index / SOURCE_WIDTH), 0).rgb;
     }
-#if defined(ADD_TO_BASE)
-    sum = texelFetch(base, at, 0).rgb + sum;
-#elif defined(SUBTRACT_FROM_BASE)
-    sum = texelFetch(base, at, 0).rgb - sum;
-#endif
-#ifdef CLAMP
-    sum = clamp(sum, 0.0, 1.0);
-#endif
-    result = vec4(sum, 1.0);
+    result = vec4(combined(sum, at, vec3(1.0)), 1.0);
 }

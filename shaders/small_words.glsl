@@ -1,6 +1,10 @@
 // Runs of 4-byte words (player/maps/small_map.py): Σ code ∘ source, and the row's trust if the run holds it.
 //
-// The including file must define `source`, the picture, `uint word_at(uint k)`, and SOURCE_WIDTH.
+// The including file must define `source`, the picture, `uint word_at(uint k)`, and SOURCE_WIDTH. `scale` is of the codes.
+#include "product.glsl"
+
+uniform float scale;
+
 const uint JUMP = 0u, THREE = 3u, TRUST = 5u;
 
 struct Run {
@@ -46,4 +50,15 @@ Run run_of(uint k, uint end, uint stride) {
         run.sum += codes * texelFetch(source, ivec2(pixel % uint(SOURCE_WIDTH), pixel / uint(SOURCE_WIDTH)), 0).rgb;
     }
     return run;
+}
+
+// The run's sum in the row's colour, if rows are COLOURED, combined with the base; trust and colour weigh a residual.
+vec3 value_of(Run run, uint colour_bits, ivec2 at) {
+    vec3 sum = scale * run.sum, weight = vec3(run.trust);
+#ifdef COLOURED
+    vec3 colour = colour_of(colour_bits);
+    sum *= colour;
+    weight *= colour;
+#endif
+    return combined(sum, at, weight);
 }

@@ -15,7 +15,7 @@ from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.store import Wanted, open_store
 from counterlight.tools.simulation.devices import Sensor
-from counterlight.tools.transport.transport import FarLight, Transport, channels
+from counterlight.tools.transport.transport import Transport, channels, far_light_of
 from tests.rooms import blurred_transport
 
 CAMERA, PROJECTOR = (18, 26), (21, 30)
@@ -53,7 +53,7 @@ def with_far_light(near: Transport, share: float) -> Transport:
     pixels = near.shape[1]
     cells = sparse.csr_array(np.full((1, pixels), 1 / pixels))
     scatter = tuple(sparse.csr_array(share / (1 - share) * flood[:, i : i + 1]) for i in range(3))
-    return Transport(near.near, FarLight.from_matrices((cells,) * 3, np.ones((3, 1, 1)), scatter))
+    return Transport(near.near, far_light_of((cells,) * 3, np.ones((3, 1, 1)), scatter))
 
 
 def mirror(rng: np.random.Generator) -> Transport:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from counterlight.calibration import Calibration, Device, writing
 from counterlight.maps.row_map import SparseRows
 from counterlight.response import Response
-from counterlight.tools.blurring.pruning import in_cells
-from counterlight.tools.transport.blurred import Pyramid
+from counterlight.tools.blurring.pruning import Pyramid, in_cells
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import FarLight, Transport, dense_rows
+from counterlight.tools.transport.transport import Dense, FarLight, Transport, dense_rows
 
 CAMERA, PROJECTOR = (29, 35), (27, 31)  # no block divides these sizes
 LIMIT = 0.008
@@ -63,7 +62,7 @@ def written_out(T: Transport) -> NDArray[np.float64]:
     if T.blurred is not None:
         whole += dense(T.blurred.scatter) @ dense(T.blurred.gather)
     if T.far is not None:
-        whole += dense(T.far.scatter) @ T.far.mix @ dense(T.far.gather)
+        whole += dense(T.far.scatter) @ T.far.mix.matrices @ dense(T.far.gather)
     return whole
 
 
@@ -86,4 +85,4 @@ def far_light(shape: tuple[int, int]) -> FarLight:
     """Far light of two cells, a tenth of all light: each averages the picture; every camera pixel sees both."""
     rows, columns = shape
     gather = dense_rows(np.full((3, 2, columns), 1 / columns))
-    return FarLight(gather, np.full((3, 2, 2), 0.1), dense_rows(np.full((3, rows, 2), 0.2)))
+    return FarLight(gather, Dense(np.full((3, 2, 2), 0.1)), dense_rows(np.full((3, rows, 2), 0.2)))

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from counterlight.gl.context import headless_context
 from counterlight.media.decoding.child import all_ended
-from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.media.decoding.opening import log_natively
 from tests import screens
 from tests.gl_objects import live_objects
 from tests.media import rings

@@ -20,19 +20,19 @@ from tests.programs import PATIENCE_S, on, running, succeed, verb
 Box = tuple[int, int, int, int]  # left, top, width, height
 
 
-ON_A_GPU = "--path", "fragment"  # draws windows as a GPU would, and as files are rendered
+ON_A_GPU = "--shader", "fragment", "--entries", "16"  # draws windows as a GPU would, and as files are rendered
 ON_THE_PROCESSOR = "--backend", "cpu"
 
 
 def playing(
-    display: str, *arguments: object, folder: Path | None = None, how: tuple[str, str] = ON_A_GPU, **environment: str
+    display: str, *arguments: object, folder: Path | None = None, how: tuple[str, ...] = ON_A_GPU, **environment: str
 ) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start a player in a window that is drawn like a file, so that pixels can be compared exactly."""
     return running(*verb("play"), *how, *arguments, folder=folder, **on(display), **environment)
 
 
 def expected_picture(
-    room: Path, medium: Path, tmp_path: Path, *options: str, how: tuple[str, str] = ON_A_GPU
+    room: Path, medium: Path, tmp_path: Path, *options: str, how: tuple[str, ...] = ON_A_GPU
 ) -> np.ndarray:
     """Render the same view headless, RGB, with a window's number of steps for a still picture."""
     if "--refine" not in options:

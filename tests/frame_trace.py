@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from counterlight.maps.room_maps import CHAINS
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
 from counterlight.passes.drawing import CHANNELS, Array, Pass
@@ -11,8 +12,6 @@ from counterlight.pipeline.device import StoredMaps
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import RasterResponse
-
-UNDO = "undo_gather", "undo_mix", "far_scatter"
 
 
 class Recorded:
@@ -37,7 +36,7 @@ class RecordedMaps:
         maps = of.room.maps
         self._names = {id(packed): name for name, packed in maps.named().items()}
         if maps.undo is not None:  # the scatter of `undo` may be the same map as the far light's scatter
-            self._names |= {id(part): name for part, name in zip(maps.undo.parts, UNDO, strict=True)}
+            self._names |= {id(part): name for part, name in zip(maps.undo.factors, CHAINS["undo"], strict=True)}
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._of, name)
@@ -78,8 +77,8 @@ class TracingDevice(CpuDevice):
     def canvas(self, shape: tuple[int, int], channels: int = CHANNELS) -> CpuCanvas:
         return RecordedCanvas(shape, channels, self.noted)
 
-    def store(self, room: Room, path: str) -> Any:
-        return RecordedMaps(super().store(room, path), self.noted)
+    def store(self, room: Room) -> Any:
+        return RecordedMaps(super().store(room), self.noted)
 
     def planes(self, pixels: PixelFormat) -> Any:
         return Recorded(super().planes(pixels), "planes_to_linear", self.noted)
@@ -94,7 +93,7 @@ class TracingDevice(CpuDevice):
 def trace(room: Room, frame: Any, steps: int) -> list[str]:
     """Passes of the second of two equal frames; the first frame fills caches that later frames use."""
     device = TracingDevice()
-    renderer = Renderer(device, room, "cpu")
+    renderer = Renderer(device, room)
     renderer.open(frame.format)
     for _ in range(2):
         renderer.upload(frame)

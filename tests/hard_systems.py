@@ -15,7 +15,7 @@ from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.solve.registry import SOLVERS
-from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
+from counterlight.tools.transport.transport import Csr, FarLight, channels, far_light_of, stacked
 from tests.one_channel import linear_system, solve
 from tests.rooms import blurred_transport
 
@@ -259,7 +259,7 @@ def _smooth(leaves: FloatArray, arrives: FloatArray) -> FarLight:
     leaves : (camera pixels,).
     arrives : (projector pixels,).
     """
-    return FarLight.from_matrices((Csr(arrives[None]),) * 3, np.ones((3, 1, 1)), (Csr(leaves[:, None]),) * 3)
+    return far_light_of((Csr(arrives[None]),) * 3, np.ones((3, 1, 1)), (Csr(leaves[:, None]),) * 3)
 
 
 def two_projectors(apart: float) -> HardCase:
@@ -359,7 +359,7 @@ def by_split(damping: float | None, passes: int, case: HardCase) -> Apply:
 
 def written_out(far: FarLight) -> FloatArray:
     """Returns U M D of one channel, (camera pixels, projector pixels)."""
-    return np.asarray(channels(far.scatter)[1] @ far.mix[1] @ channels(far.gather)[1].toarray())
+    return np.asarray(channels(far.scatter)[1] @ far.mix.matrices[1] @ channels(far.gather)[1].toarray())
 
 
 def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:

@@ -9,10 +9,10 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device, writing
 from counterlight.response import Response
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
 from tests.programs import succeed

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from counterlight.pipeline.refinement import Certificate
-from counterlight.tools.clusters.finite import refuse_not_finite
+from counterlight.tools.clusters.components import refuse_not_finite
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.objective import Objective

@@ -11,9 +11,9 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_chain, refinement_maps
 from counterlight.tools.transport.objective import Objective
-from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, far_light_of, stacked
 from tests.packing import pack_matrices
 from tests.rooms import CAMERA, CELLS, PROJECTOR, blurred_transport
 
@@ -47,8 +47,8 @@ def physical_room(rng: np.random.Generator, *, far: bool = True, start: str = "p
     inverse = tuple(_inverse(T, mask.ravel()) for T in near)
     chain = undo = None
     if transport.far is not None:
-        chain = pack_far(transport.far, CAMERA, PROJECTOR)
-        undo = pack_far(undo_far_light(transport.far, stacked(inverse)), CAMERA, CAMERA)
+        chain = pack_chain(transport.far, CAMERA, PROJECTOR)
+        undo = pack_chain(undo_far_light(transport.far, stacked(inverse)), CAMERA, CAMERA)
     objective = replace(Objective.plain(transport.inside(mask)), weights=mask.ravel().astype(np.float64))
     maps = RoomMaps(
         pack_matrices(inverse, PROJECTOR, CAMERA),
@@ -74,7 +74,7 @@ def _far(rng: np.random.Generator) -> FarLight:
     gather[:, :, DARK] = 0
     scatter = rng.uniform(0, 1, (3, camera, cells)) * (rng.uniform(size=(camera, cells)) < 0.5)
     mix = rng.uniform(0, 0.3, (3, cells, cells))
-    return FarLight.from_matrices(tuple(map(Csr, gather)), mix, tuple(map(Csr, scatter)))
+    return far_light_of(tuple(map(Csr, gather)), mix, tuple(map(Csr, scatter)))
 
 
 def _inverse(T: Csr, inside: NDArray[np.bool_]) -> Csr:

@@ -15,6 +15,7 @@ from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.passes.drawing import Pass
 from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Snapshot
 from tests.oracles.renderer import ReferenceRenderer
@@ -22,7 +23,7 @@ from tests.oracles.renderer import ReferenceRenderer
 
 @contextmanager
 def both(
-    context: moderngl.Context, room: Room, frame: Frame, path: str = "fragment"
+    context: moderngl.Context, room: Room, frame: Frame, path: GpuPath = EVERYWHERE
 ) -> Iterator[tuple[GlRenderer, ReferenceRenderer]]:
     """Yield both renderers with `frame` uploaded; release them at the end."""
     renderers = GlRenderer(context, room, path), ReferenceRenderer(room)

@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device, writing
-from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.chain import Chain
+from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.media.video import Frame, PixelFormat, PlaneShape
 from counterlight.pipeline.room import Room
 from counterlight.raster import Region
 from counterlight.response import RasterResponse, Response, WhiteSegment, parse_response
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import FarLight, Transport, far_light_of
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)
@@ -50,7 +51,7 @@ def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered",
     )
     scatter = random_map(rng, CAMERA, CELLS, 4)
     chain, undo = (
-        FarMaps(random_map(rng, CELLS, source, 20, 0.1), random_map(rng, CELLS, CELLS, 6, 0.2), scatter)
+        Chain(random_map(rng, CELLS, source, 20, 0.1), random_map(rng, CELLS, CELLS, 6, 0.2), scatter)
         for source in (PROJECTOR, CAMERA)
     )
     maps = RoomMaps(
@@ -194,7 +195,7 @@ def _far_light(rng: np.random.Generator, shape: tuple[int, int], cells: int) -> 
     gather = sparse.csr_array((lit / lit.sum(axis=1, keepdims=True)).astype(np.float32))
     scatter = sparse.csr_array(seen.T.astype(np.float32))
     mix = rng.uniform(0.05, 0.15, (3, cells, cells)) / cells
-    return FarLight.from_matrices((gather,) * 3, mix, (scatter,) * 3)
+    return far_light_of((gather,) * 3, mix, (scatter,) * 3)
 
 
 def write_one_to_one_room(folder: Path, shape: tuple[int, int]) -> None:

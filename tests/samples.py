@@ -16,17 +16,17 @@ from counterlight.files.picture_files import read_picture
 from counterlight.media.decoding.media import open_source
 from counterlight.media.medium import Medium
 from counterlight.response import Response, named_response
-from counterlight.show.options import read_options
+from counterlight.show.command_line import read_options
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.matrices_room import read_ambient
 from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
-from counterlight.tools.hdr.exif import read_exposure
 from counterlight.tools.hdr.grey_ramp import read_ramp
 from counterlight.tools.hdr.photographs import read_photograph
+from counterlight.tools.hdr.raw_files import read_exposure
 from counterlight.tools.simulation.materials import read_texture
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.shapes.mesh import read_obj
-from counterlight.tools.simulation.shapes.relief import read_heights
+from counterlight.tools.simulation.shapes.triangles import read_heights
 from counterlight.tools.transport.storage import read_matrix
 from tests.dng import dng
 from tests.mutants import outcome

@@ -8,7 +8,7 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.maps.small_map import FULL_TRUST, LARGEST_CODE, SmallMap, coded
 from counterlight.pipeline.room import Room
-from counterlight.tools.inverse.words import words_of
+from counterlight.tools.inverse.words_light import words_of
 
 
 def random_small(

@@ -10,9 +10,8 @@ import numpy as np
 
 from counterlight.errors import InputError
 from counterlight.media.medium import Border, Medium
-from counterlight.overlay.osd import Page
+from counterlight.overlay.osd import Page, Pointer
 from counterlight.overlay.outline import Outline, moved, outline_of
-from counterlight.overlay.pointer import Pointer
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import PathReport
 from counterlight.pipeline.placement import Corners

@@ -32,7 +32,7 @@ def arrays(done: Acquisition) -> list[np.ndarray]:
         *(getattr(rows, name) for rows in (transport.near, transport.far.scatter) for name in ("indptr", "indices")),
         transport.near.weights,
         transport.far.scatter.weights,
-        transport.far.mix,
+        transport.far.mix.matrices,
     ]
 
 

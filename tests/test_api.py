@@ -13,7 +13,7 @@ from scipy import sparse
 
 import counterlight as cl
 from counterlight.errors import InputError
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.response import Response, parse_response
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
@@ -443,7 +443,7 @@ def test_whatever_it_returns_is_one_line(room: cl.Room, maps: RoomMaps) -> None:
         "Calibration",
         "RowMap",
         "SparseRows",
-        "FarLight",
+        "Chain",
         "Response",
         "Tier",
     }

@@ -73,7 +73,7 @@ def test_blocks_that_many_pixels_see_are_gathered_in_parts(
     further = read_maps(stored).refinement
     assert further is not None
     assert further.blurred_dual is not None
-    gather, scatter = further.blurred_dual.parts
+    gather, scatter = further.blurred_dual.factors
     assert gather.lookup[..., 2].max() == 20
     assert T.blurred is not None
     assert gather.lookup[..., 2].astype(bool).sum() > T.blurred.gather.shape[0]

@@ -12,11 +12,11 @@ from scipy import sparse
 from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.tools.blurring import blurring
-from counterlight.tools.blurring.blurring import Blurring
-from counterlight.tools.blurring.choice import chosen_limit
-from counterlight.tools.blurring.pruning import in_cells
+from counterlight.tools.blurring.blurring import Blurring, chosen_limit
+from counterlight.tools.blurring.pruning import LEVELS, Pyramid, in_cells
 from counterlight.tools.import_transport import main as import_transport
 from counterlight.tools.inverse.direct import lit_most
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.simulation import simulate as simulation
 from counterlight.tools.simulation.effects.blooming import bloom
@@ -24,8 +24,6 @@ from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.registry import prepare
-from counterlight.tools.transport.blurred import LEVELS, Pyramid
-from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of

@@ -21,7 +21,7 @@ from counterlight.media.decoding import opening
 from counterlight.media.decoding.audio_decoder import decoded
 from counterlight.media.medium import Border, Medium
 from counterlight.media.video import MediaReader
-from counterlight.show.options import read_options
+from counterlight.show.command_line import read_options
 from counterlight.show.playlist import expand, files_of
 from tests.canaries import Canary, canary
 from tests.media import copies, numbered, write_video

@@ -27,7 +27,7 @@ from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import FarLight, Transport, stacked
+from counterlight.tools.transport.transport import Transport, far_light_of, stacked
 from tests.hostile import little_memory, without_rights
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant
 from tests.programs import fail
@@ -205,7 +205,7 @@ def test_far_light_that_cannot_be_undone() -> None:
     one = sparse.csr_array([[1.0]])
     for mix, complaint in ((-1.0, "singular"), (1e300, "times it")):
         scatter = sparse.csr_array([[1e-300 if mix > 0 else 1.0]])
-        far = FarLight.from_matrices((one,) * 3, np.full((3, 1, 1), mix), (scatter,) * 3)
+        far = far_light_of((one,) * 3, np.full((3, 1, 1), mix), (scatter,) * 3)
         with pytest.raises(InputError, match=complaint):
             undo_far_light(far, stacked((one,) * 3))
 

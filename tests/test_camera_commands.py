@@ -183,7 +183,7 @@ def test_projectors_and_cameras_are_joined_in_turn(views: list[Path], tmp_path: 
 def test_a_raster_beyond_memory_is_refused_with_the_figure(
     views: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("counterlight.tools.transport.shared_screen.PIXEL_BYTES", 2.0**40)
+    monkeypatch.setattr("counterlight.tools.joining.shared_screen.PIXEL_BYTES", 2.0**40)
     assert join_projectors.main([*map(str, views), "--cameras", "-o", str(tmp_path / "room")]) == 2
     line = capsys.readouterr().err
     assert "placing 2 cameras that see projectors of 48x27 together needs about 4808704.0 GiB of memory, " in line

@@ -13,16 +13,16 @@ from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.screen import FILE, Screen
+from counterlight.tools.joining.cameras import CameraOptions, joined_cameras, same_projectors
+from counterlight.tools.joining.shared_screen import SharedRoom
 from counterlight.tools.simulation.room import simulated_room
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras, same_projectors
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shared_screen import SharedRoom
-from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import FarLight, Transport, channel, stacked
+from counterlight.tools.transport.transport import Dense, FarLight, Transport, channel, stacked
+from counterlight.tools.transport.trust import shares
 from tests.camera_rooms import (
     FIRST,
     LEFT,
@@ -81,7 +81,7 @@ def test_rows_stand_below_each_other(flat: list[RoomSeen], rng: np.random.Genera
     gather, scatter = rng.uniform(size=(cells, flat[0][1].shape[1])), rng.uniform(size=(flat[0][1].shape[0], cells))
     far = FarLight(
         stacked([sparse.csr_array(gather)] * 3),
-        rng.uniform(0, 1e-3, (3, cells, cells)),
+        Dense(rng.uniform(0, 1e-3, (3, cells, cells))),
         stacked([sparse.csr_array(scatter)] * 3),
     )
     rooms = [(flat[0][0], replace(flat[0][1], far=far)), flat[1]]

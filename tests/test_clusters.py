@@ -317,13 +317,13 @@ def test_the_impossible_says_what_is_possible() -> None:
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
-        ((-1, 0.5, 1), "--radius -1: expected 0 or more"),
-        ((math.inf, 0.5, 1), "--radius inf: expected 0 or more"),
-        ((math.nan, 0.5, 1), "--radius nan: expected 0 or more"),
-        ((1, -0.1, 1), "--tau-1 -0.1: expected a fraction from 0 to 1"),
-        ((1, 1.1, 1), "--tau-1 1.1: expected a fraction from 0 to 1"),
-        ((1, math.nan, 1), "--tau-1 nan: expected a fraction from 0 to 1"),
-        ((1, 0.5, 2), "--tau-2 2: expected a fraction from 0 to 1"),
+        ((-1, 0.5, 1), "--cut -1 0.5 1: found radius -1, expected 0 or more"),
+        ((math.inf, 0.5, 1), "--cut inf 0.5 1: found radius inf, expected 0 or more"),
+        ((math.nan, 0.5, 1), "--cut nan 0.5 1: found radius nan, expected 0 or more"),
+        ((1, -0.1, 1), "--cut 1 -0.1 1: found TAU_1 -0.1, expected a fraction from 0 to 1"),
+        ((1, 1.1, 1), "--cut 1 1.1 1: found TAU_1 1.1, expected a fraction from 0 to 1"),
+        ((1, math.nan, 1), "--cut 1 nan 1: found TAU_1 nan, expected a fraction from 0 to 1"),
+        ((1, 0.5, 2), "--cut 1 0.5 2: found TAU_2 2, expected a fraction from 0 to 1"),
     ],
 )
 def test_parameters_out_of_range_are_refused(numbers: tuple[float, float, float], message: str) -> None:

@@ -18,8 +18,8 @@ from counterlight.tools.colour import neutral as neutral_colour
 from counterlight.tools.colour.neutral import neutral_mixing
 from counterlight.tools.colour.shared import colour_matrices
 from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.joining.projectors import join_rooms
 from counterlight.tools.solve.registry import prepare
-from counterlight.tools.transport.joining import join_rooms
 from tests.coloured_rooms import CROSSTALK, LEDS, WHEEL, ColouredRoom, coloured_room, mixing_of_condition
 
 FloatArray = NDArray[np.float64]

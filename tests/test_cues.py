@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.unattended.clocks import LEAST, ClockOffset
-from counterlight.unattended.cues import MESSAGE, Beacon, Cue, Heard, Listener, read_address
+from counterlight.unattended.cues import LEAST, MESSAGE, Beacon, ClockOffset, Cue, Heard, Listener, read_address
 from tests.udp_proxy import wire
 
 PATIENCE_S = 20.0  # never reached in a passing test

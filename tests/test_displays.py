@@ -15,11 +15,11 @@ from counterlight.files import exr
 from counterlight.pipeline.content import psnr
 from counterlight.raster import Region, side_by_side
 from counterlight.response import Response
+from counterlight.show.command_line import read_options
 from counterlight.show.from_options import monitors_of, room_of
-from counterlight.show.options import read_options
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
-from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
@@ -60,7 +60,7 @@ def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Ge
     transport, parts = read_transport(stored), [read_transport(calibration.read(room)) for room in rooms]
     assert (transport.far is not None) == (scene == "corner")
     if transport.far is not None and parts[0].far is not None:
-        assert transport.far.cells == parts[0].far.cells  # the same cells for every projector
+        assert transport.far.scatter.columns == parts[0].far.scatter.columns  # the same cells for every projector
     drive = rng.uniform(size=(*joint.projector.shape, 3))
     lit = zip(parts, pictures(drive, joint.regions), strict=True)
     expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)
@@ -70,13 +70,16 @@ def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Ge
     assert below.max() == 0  # nothing is lit below the second projector, which is lower
 
 
-@pytest.mark.parametrize("method", ["clustered", "windowed"])
-def test_a_projector_beside_its_copy_gives_half_of_the_light(tmp_path: Path, method: str) -> None:
+@pytest.mark.parametrize("largest_dense", [1, 1 << 20])  # windows, or the whole cluster
+def test_a_projector_beside_its_copy_gives_half_of_the_light(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, largest_dense: int
+) -> None:
     """Damping keeps [T T]⁺ = ½ [T⁺; T⁺], because λ is relative to the largest singular value, which grows by √2."""
+    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", largest_dense)
     room = calibration.read(write_halves(tmp_path)[0])
     single, shape, mask = read_transport(room), room.calibration.projector.shape, room.calibration.mask
     twice = join_transports([single, single], [shape, shape])
-    options = InverseOptions(damping=0.1, max_error=0.01, method=method)
+    options = InverseOptions(damping=0.1, max_error=0.01, inverse="whole")
 
     def rows(transport: Transport, shape: tuple[int, int]) -> np.ndarray:
         regions = [Region(left, 0, 44, 30) for left in range(0, shape[1], 44)]

@@ -21,7 +21,7 @@ from tests.programs import PATIENCE_S, ROOT, command, running
 from tests.web_remote import free_port
 
 DOCS = ROOT / "docs"
-PAGES = [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "calib_data" / "README.md"]
+PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "calib_data" / "README.md"]
 LINK = re.compile(r"\]\(([^)#:]+?)(?:#[^)]*)?\)")
 
 
@@ -101,7 +101,7 @@ def test_every_page_is_in_the_index() -> None:
     assert set(DOCS.glob("*.md")) - {DOCS / "README.md"} <= linked
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))], ids=lambda page: page.name)
 def test_no_link_leads_nowhere(page: Path) -> None:
     targets = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     missing = [target for target in targets if not (page.parent / target).exists()]

@@ -16,15 +16,13 @@ from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 from counterlight.tools.factoring import factoring, passes
 from counterlight.tools.factoring.factoring import LIMITS, factored
-from counterlight.tools.factoring.grid import Grid
 from counterlight.tools.factoring.losses import asked, compensated, measured
-from counterlight.tools.factoring.model import Model, Rows, fitted
-from counterlight.tools.factoring.near import split
+from counterlight.tools.factoring.model import Grid, Model, Rows, fitted, split
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import CHANNELS, FarLight, Transport, channel, channels, stacked
+from counterlight.tools.transport.transport import CHANNELS, Transport, channel, channels, far_light_of, stacked
 from tests.acquired_rooms import dense
 from tests.dense_rooms import CAMERA, PROJECTOR, SHAPE, direct, radiosity_corner, textured_glow, transport
 from tests.programs import fail, succeed
@@ -173,7 +171,7 @@ def test_far_light_that_is_known_already_is_factored_anew(rng: np.random.Generat
     labels = np.arange(SHAPE[1]) * cells // SHAPE[1]
     D = sparse.csr_array((np.full(SHAPE[1], 4 / SHAPE[1]), (labels, np.arange(SHAPE[1]))), shape=(cells, SHAPE[1]))
     U = sparse.csr_array(np.outer(rng.uniform(0.5, 1.5, SHAPE[0]), np.linspace(0.5, 1.5, cells)) * 0.1)
-    far = FarLight.from_matrices([D] * 3, np.stack([np.eye(cells)] * 3), [U] * 3)
+    far = far_light_of([D] * 3, np.stack([np.eye(cells)] * 3), [U] * 3)
     near = stacked([sparse.csr_array(direct(rng), dtype=np.float32)] * 3)
     T = Transport(near, far, CAMERA, PROJECTOR)
     found, done = factored(T, DARK)
@@ -200,7 +198,7 @@ def test_the_same_whatever_the_number_of_cores(corner: Transport) -> None:
     ):
         np.testing.assert_array_equal(one.indices, other.indices)
         np.testing.assert_array_equal(one.weights, other.weights)
-    np.testing.assert_array_equal(first.far.mix, second.far.mix)
+    np.testing.assert_array_equal(first.far.mix.matrices, second.far.mix.matrices)
 
 
 def emptied_rows(T: list[np.ndarray]) -> None:

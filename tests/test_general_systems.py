@@ -8,9 +8,9 @@ from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.response import Response
 from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.joining.cameras import below_each_other
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.solve.registry import prepare
-from counterlight.tools.transport.joining import join_transports
-from counterlight.tools.transport.joining_cameras import below_each_other
 from counterlight.tools.transport.transport import Transport
 
 # (height, width), unequal so that a wrong position shows

@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear, nnls
 from scipy.sparse.linalg import lsmr
 
 from counterlight.errors import InputError
-from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.clusters.components import NonFiniteError
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.near_light import InverseOptions

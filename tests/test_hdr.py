@@ -14,11 +14,10 @@ from counterlight.response import Response
 from counterlight.tools.hdr import debevec, robertson
 from counterlight.tools.hdr.bracket import open_bracket
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import make_estimator
+from counterlight.tools.hdr.estimators import make_estimator, weight_table
 from counterlight.tools.hdr.radiance import MergeOptions, merge
 from counterlight.tools.hdr.recovery import recover_response
 from counterlight.tools.hdr.sums import CpuSums
-from counterlight.tools.hdr.weights import weight_table
 from tests.brackets import CURVES, codes_of, random_scene
 from tests.studies.recovery import recovered, samples_of
 

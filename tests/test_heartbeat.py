@@ -10,8 +10,7 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.unattended import heartbeat
-from counterlight.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
-from counterlight.unattended.inbox import Inbox
+from counterlight.unattended.heartbeat import FACTS, Heartbeat, Inbox, Notifier, read_facts
 from tests.stage import Clock
 
 

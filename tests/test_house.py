@@ -25,8 +25,7 @@ TIMEOUT_S = 120.0  # a command's imports on a busy machine
 
 # Their modules import Numba, which imports scipy; no other module imports it before it multiplies.
 COMPILED = tuple(
-    f"counterlight.{name}"
-    for name in (*("maps.products", "maps.unpacking", "maps.word_runs", "pipeline.squares", "pipeline.survey"),)
+    f"counterlight.{name}" for name in (*("maps.products", "maps.word_runs", "pipeline.squares", "pipeline.survey"),)
 )
 HEAVY = {"scipy", "numba", "moderngl", "glcontext", "glfw"}
 LOADED = "print(*(name for name in sys.modules if name.split('.')[0] in HEAVY or name.startswith(FOREIGN)))"
@@ -150,15 +149,39 @@ ROOMS = {  # folders of the player, and the folders that each may import
 }
 
 
-def test_the_rooms_of_the_player_know_what_they_may_and_no_more() -> None:
-    rooms = {name: set(others.split()) for name, others in ROOMS.items()}
+TOOL_ROOMS = {  # folders of the tools, and the folders that each may import
+    "transport": "",
+    "hdr": "",
+    "clusters": "transport",
+    "colour": "transport",
+    "ways": "transport",
+    "relighting": "colour transport",
+    "inverse": "clusters colour transport",
+    "blurring": "inverse transport",
+    "factoring": "blurring inverse transport",
+    "joining": "colour factoring hdr transport",
+    "solve": "clusters colour inverse relighting transport",
+    "simulation": "blurring joining transport",
+    "acquisition": "clusters colour factoring hdr inverse joining simulation solve transport",
+    "report": "acquisition clusters colour inverse relighting solve transport ways",
+    "study": "acquisition clusters colour inverse joining relighting report simulation solve transport",
+}
+
+
+@pytest.mark.parametrize(("folder", "allowed"), [("player", ROOMS), ("tools", TOOL_ROOMS)])
+def test_the_rooms_know_what_they_may_and_no_more(folder: str, allowed: dict[str, str]) -> None:
+    """Files in tools/ itself may import any folder, and any folder may import them."""
+    rooms, prefix = {name: set(others.split()) for name, others in allowed.items()}, f"{FOLDERS[folder]}."
     list(TopologicalSorter(rooms).static_order())  # no two import each other
+    assert {path.parent.name for path in (ROOT / folder).glob("*/__init__.py")} <= rooms.keys()
+    files = {path.stem for path in (ROOT / folder).glob("*.py")} - rooms.keys()
     known: dict[str, set[str]] = {name: set() for name in rooms}
-    for path in sources("player"):
-        room = path.relative_to(ROOT / "player").with_suffix("").parts[0]
-        if room not in ("__init__", "__main__"):
-            parts = [name.split(".") for name in imported(path) if name.startswith("counterlight.")]
-            known[room] |= {part[1] for part in parts} - {room}
+    for path in sources(folder):
+        room = path.relative_to(ROOT / folder).with_suffix("").parts[0]
+        assert room in rooms or room in files
+        if room in rooms:
+            names = [name.removeprefix(prefix).split(".")[0] for name in imported(path) if name.startswith(prefix)]
+            known[room] |= set(names) - {room} - files
     assert {name: sorted(others - rooms[name]) for name, others in known.items() if others - rooms[name]} == {}
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from counterlight.show.in_step import Curtain, Follower, Leader, begins_at, cue_of
+from counterlight.show.in_step import Curtain, Follower, Leader, cue_of
 from counterlight.unattended.cues import Cue, Heard
+from counterlight.unattended.hours import begins_at
 from tests.programs import fail
 from tests.stage import Reader, Stage
 

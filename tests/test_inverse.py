@@ -12,7 +12,7 @@ from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.damping import choose_damping
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, luminance_matrix, stacked
+from counterlight.tools.transport.transport import Csr, Transport, channels, far_light_of, luminance_matrix, stacked
 from tests.rooms import blurred_transport
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
@@ -113,7 +113,7 @@ def test_far_light_is_undone(rng: np.random.Generator) -> None:
     U = sparse.csr_array(rng.uniform(size=(n, cells)))
     D = sparse.csr_array(rng.uniform(size=(cells, n)) / n)
     M = 0.1 * rng.uniform(size=(cells, cells))
-    far = FarLight.from_matrices((D,) * 3, np.stack([M] * 3), (U,) * 3)
+    far = far_light_of((D,) * 3, np.stack([M] * 3), (U,) * 3)
     S_inverse = sparse.csr_array(np.linalg.inv(S.toarray()))
     undo = undo_far_light(far, stacked((S_inverse,) * 3))
     p = rng.uniform(size=(n, 3))
@@ -124,7 +124,7 @@ def test_far_light_is_undone(rng: np.random.Generator) -> None:
 
 def test_transport_is_linear_and_its_transpose_is_one(rng: np.random.Generator) -> None:
     S = blurred_transport(rng, CAMERA, PROJECTOR, 0.7)
-    far = FarLight.from_matrices(
+    far = far_light_of(
         tuple(sparse.random_array((7, S.shape[1]), density=0.2, rng=rng, format="csr") for _ in range(3)),
         rng.uniform(size=(3, 7, 7)),
         tuple(sparse.random_array((S.shape[0], 7), density=0.2, rng=rng, format="csr") for _ in range(3)),

@@ -10,21 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import sparse
 
-from counterlight import calibration
-from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.manifest import describe_files
 from counterlight.memory import available_bytes
-from counterlight.response import Response
 from counterlight.tools import build_correction_map
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
 from counterlight.tools.inverse.rows import Piece
-from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import Transport, stacked
-from tests.programs import command, fail, verb
+from counterlight.tools.transport.transport import stacked
+from tests.programs import command, verb
 from tests.rooms import blurred_transport, write_blurred_room
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
@@ -63,11 +58,7 @@ def test_the_manifest_says_what_was_done_and_why(built: Path) -> None:
         (["--max-cluster", "many"], "invalid int value: 'many'"),
         (["--noise", "-1"], "--noise -1.0: expected 0 up to 1"),
         (["--noise", "nan"], "--noise nan: expected 0 up to 1"),
-        (["--method", "whole"], "--method whole: expected auto, clustered, windowed"),
-        (
-            ["--method", "windowed", "--regularize", "none"],
-            "undamped inverse: a cluster of 1200 projector pixels",
-        ),
+        (["--method", "windowed"], "unrecognized arguments: --method windowed"),
     ],
 )
 def test_impossible_options_are_one_line_and_change_nothing(
@@ -83,32 +74,47 @@ def test_impossible_options_are_one_line_and_change_nothing(
     assert describe_files(built) == before
 
 
-def test_an_inverse_that_cannot_fit_is_refused_before_the_work(tmp_path: Path) -> None:
-    """One chain of 65536 pixels on either side, inverted whole, needs 32 GiB per channel and as much for the work."""
-    side = 256
-    chain = sparse.diags_array([np.ones(side**2), np.full(side**2 - 1, 0.1)], offsets=[0, 1], format="csr")
-    device = Device(side, side, Response("linear"))
-    dark = np.zeros((side, side, 3), np.float32)
-    large = Calibration("chain", "made by a test", (device,), device, dark, np.ones((side, side), bool))
-    with calibration.writing(tmp_path / "chain", large) as stage:
-        write_transport(Transport.from_matrices((sparse.csr_array(chain),) * 3), stage)
-    line = fail(BUILD, tmp_path / "chain", "--method", "clustered", "--regularize", "0.1")
-    assert "inverting clusters of up to 65536 projector pixels whole needs about 768.0 GiB of memory" in line
-    assert line.endswith("use --method auto with damping, or a smaller --max-cluster")
-    assert not (tmp_path / "chain" / "correction").exists()
+@pytest.mark.parametrize(
+    ("largest_dense", "complaint"),
+    [
+        (1000, "inverting large clusters through windows needs about"),
+        (1200, "inverting clusters of up to 1200 projector pixels whole needs about"),
+    ],
+)
+def test_an_inverse_that_cannot_fit_is_refused_before_the_work(
+    built: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    largest_dense: int,
+    complaint: str,
+) -> None:
+    before = describe_files(built)
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 20 << 20)  # enough for the room and its maps
+    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", largest_dense)
+    assert build_correction_map.main([str(built), "--inverse", "whole", "--regularize", "0.1"]) == 2
+    line = capsys.readouterr().err
+    assert complaint in line
+    assert "use --inverse cut" in line
+    assert describe_files(built) == before
 
 
 @pytest.mark.parametrize(
-    ("kib", "options", "complaint"),
+    ("kib", "largest_dense", "options", "complaint"),
     [
-        (16, InverseOptions(0.1, 0.5), "inverting clusters of up to 192 projector pixels whole"),
-        (16, InverseOptions(0.1, 0.5, method="windowed"), "through windows needs .* --inverse cut"),
-        (100 << 10, InverseOptions(None, 0.0), None),
+        (16, 192, InverseOptions(0.1, 0.5), "inverting clusters of up to 192 projector pixels whole"),
+        (16, 191, InverseOptions(0.1, 0.5, inverse="whole"), "through windows needs .* --inverse cut"),
+        (100 << 10, 192, InverseOptions(None, 0.0), None),
     ],
 )
 def test_every_need_is_compared_with_what_there_is(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, kib: int, options: InverseOptions, complaint: str | None
+    rng: np.random.Generator,
+    monkeypatch: pytest.MonkeyPatch,
+    kib: int,
+    largest_dense: int,
+    options: InverseOptions,
+    complaint: str | None,
 ) -> None:
+    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", largest_dense)
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: kib << 10)
     near = stacked((blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3)
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5, options
@@ -124,7 +130,8 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
 ) -> None:
     near = stacked((blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3)
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
-    short, long = (InverseOptions(0.4, max_error, method="windowed") for max_error in (4.0, 0.0))
+    short, long = (InverseOptions(0.4, max_error, inverse="whole") for max_error in (4.0, 0.0))
+    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", 100)  # windows
     needs = [invert_near_light(*arguments, each).T_pinv.indices.size * memory.ENTRY_BYTES for each in (short, long)]
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: sum(needs) // 2)
     monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # enough memory for the work itself
@@ -172,7 +179,7 @@ def test_an_interrupt_leaves_the_previous_map(tmp_path: Path, built: Path) -> No
     before = describe_files(room)
     terminal, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, 80))
-    slow = [room, "--regularize", "0.001", "--max-error", "0", "--method", "windowed"]
+    slow = [room, "--inverse", "whole", "--regularize", "0.001", "--max-error", "0"]
     program = subprocess.Popen([*verb(BUILD), *slow], stdout=subprocess.PIPE, stderr=theirs)
     os.close(theirs)
     told = b""

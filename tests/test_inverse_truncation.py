@@ -15,8 +15,7 @@ from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.inverse.rows import Truncation, truncated_piece
-from counterlight.tools.inverse.truncation import entries_to_keep
+from counterlight.tools.inverse.rows import Truncation, entries_to_keep, truncated_piece
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Csr, channel, channels, stacked
 from tests.rooms import blurred_transport, write_blurred_room

@@ -19,8 +19,7 @@ import pytest
 from counterlight.errors import InputError
 from counterlight.media import video
 from counterlight.media.decoding.laps import LIVE_SLOTS
-from counterlight.media.decoding.live import LiveAddress, live_address
-from counterlight.media.medium import Border, Medium
+from counterlight.media.medium import Border, LiveAddress, Medium, live_address
 from counterlight.media.video import MAX_DEATHS, Frame, MediaReader
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import expand

@@ -20,7 +20,7 @@ from counterlight.tools.acquisition.cameras.machine_vision import MachineVisionE
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from counterlight.tools.hdr.mosaic import TOP
+from counterlight.tools.hdr.raw_files import TOP
 from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, room_of, run, sharp_wall
 from tests.dng import RGGB, mosaic_of
 

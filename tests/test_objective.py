@@ -19,7 +19,7 @@ from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.solve.box import TOLERANCE, Box
 from counterlight.tools.transport.mask import DARK_PAINT, directly_lit, lit_pixels
 from counterlight.tools.transport.objective import Objective, ObjectiveOptions, objective_of
-from counterlight.tools.transport.transport import FarLight, Transport, dense_rows, stacked
+from counterlight.tools.transport.transport import Dense, FarLight, Transport, dense_rows, stacked
 from counterlight.tools.transport.trust import LEAST_TRUST, cut_by_edges, seen, trust
 from tests.augmented import best, value
 from tests.rooms import blurred_transport
@@ -101,7 +101,7 @@ def test_a_pixel_of_less_than_no_light_is_held_like_one_that_nobody_sees() -> No
     T = np.kron(np.eye(12), np.ones((2, 1)))
     T[22:] = 0
     gather = np.tile(np.append(np.zeros(11), -1e-9), (3, 1, 1))
-    far = FarLight(dense_rows(gather), np.ones((3, 1, 1)), dense_rows(np.ones((3, 24, 1))))
+    far = FarLight(dense_rows(gather), Dense(np.ones((3, 1, 1))), dense_rows(np.ones((3, 24, 1))))
     prior = objective_of(
         replace(transport_of(T), far=far), calibration_of(transport_of(T), (1, 24), [(1, 12)]), ObjectiveOptions()
     ).prior

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from counterlight.tools.simulation.camera_side import camera_samples
+from counterlight.tools.simulation.bands import camera_samples
 from counterlight.tools.simulation.effects.beams import deposits
 from counterlight.tools.simulation.effects.dispersion import (
     LINE_C_NM,

@@ -10,8 +10,7 @@ import pytest
 
 from counterlight import memory
 from counterlight.errors import InputError
-from counterlight.files.picture_files import MOST_CHUNKS, decode, read_picture
-from counterlight.files.png import encode_png
+from counterlight.files.picture_files import MOST_CHUNKS, decode, encode_png, read_picture
 from counterlight.tools.simulation.materials import read_texture
 from tests.hostile import little_memory
 

@@ -24,7 +24,7 @@ from counterlight.tools.acquisition.few.order import BLACK, PRIMARIES, RAMPS, Or
 from counterlight.tools.acquisition.few.turns import Turns
 from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import Picture
-from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import LINEAR, NOISY, QUIET, error, shown_by, with_far_light
 from tests.programs import command, fail, succeed

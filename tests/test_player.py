@@ -137,7 +137,11 @@ def test_a_file_is_rendered_on_the_processor_where_no_gpu_runs_opengl(
     """This holds on any machine. An explicit backend or path is kept without a comment."""
     software = in_software(gl_context.info["GL_RENDERER"])
     for number, (options, used) in enumerate(
-        (([], "cpu" if software else "fragment"), (["--backend", "gl"], "fragment"), (["--path", "compute"], "compute"))
+        (
+            ([], "cpu" if software else "fragment"),
+            (["--backend", "gl"], "fragment"),
+            (["--shader", "compute"], "compute"),
+        )
     ):
         out, stats = tmp_path / f"{number}.png", tmp_path / "stats.json"
         said = succeed("play", room, CLIP, "--output", out, "--stats", stats, *options)
@@ -267,7 +271,10 @@ def test_no_map_yet(tmp_path: Path) -> None:
         (["ROOM", "CLIP", "--white", "nan"], "expected auto or a radiance from 1e-12"),
         (["ROOM", "CLIP", "--frames", "0"], "from 1"),
         (["ROOM", "CLIP", "--view", "side"], "invalid choice: 'side'"),
-        (["ROOM", "CLIP", "--backend", "cpu", "--path", "auto"], "--backend cpu has no GPU to take it on"),
+        (
+            ["ROOM", "CLIP", "--backend", "cpu", "--entries", "auto"],
+            "--entries auto: --backend cpu has no GPU to use it",
+        ),
         (["ROOM"], "needs a CALIBRATION and MEDIA"),
         (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
         (["ROOM", "CLIP", "--loop", "--output", "OUT/o.mp4"], "never ends"),

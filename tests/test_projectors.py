@@ -9,10 +9,9 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.show.schedule_file import ScheduleFile, read_schedule
-from counterlight.unattended import hours, lamps, pjlink
+from counterlight.unattended import hours, pjlink
 from counterlight.unattended.hours import Hours, Keeper, Schedule, days_of
-from counterlight.unattended.lamps import Lamps
-from counterlight.unattended.pjlink import Projector, Status, status_of, switch
+from counterlight.unattended.pjlink import Lamps, Projector, Status, status_of, switch
 from tests.pjlink_projector import COOLING, OFF, ON, WARMING, Lamp, projector
 from tests.programs import PATIENCE_S, command, fail, succeed
 
@@ -213,7 +212,7 @@ def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypat
 
 def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     """One projector warms up slowly, and one refuses the password. One is switched alone, then all."""
-    monkeypatch.setattr(lamps, "AGAIN_S", 0.02)
+    monkeypatch.setattr(pjlink, "AGAIN_S", 0.02)
     with projector(slow=3, erst="000010") as slow, projector(password="right") as locked, projector() as other:
         asked = Lamps([of(slow), of(locked, "wrong"), of(other)])
         until(lambda: asked.told()[0]["power"] == "off", "asked")

@@ -12,17 +12,23 @@ from counterlight import calibration
 from counterlight.tools.acquire_transport import _choose_scheme as choose_scheme
 from counterlight.tools.acquire_transport import _parser as acquire_parser
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.joining.cameras import CameraOptions, joined_cameras
+from counterlight.tools.joining.projectors import joined
 from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Answer, cheapest, sentence
 from counterlight.tools.study.questions.asked import Asked, Tried, answered, tried
 from counterlight.tools.study.questions.page import headed
-from counterlight.tools.study.questions.place import MOST_PIXELS, Place, coarse, made_coarser
+from counterlight.tools.study.questions.place import (
+    MOST_PIXELS,
+    Blocks,
+    Place,
+    below_each_other,
+    coarse,
+    made_coarser,
+    next_to_each_other,
+)
 from counterlight.tools.study.results import Row
-from counterlight.tools.transport import coarser as coarser_devices
-from counterlight.tools.transport.coarser import Blocks
-from counterlight.tools.transport.joining import joined
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.objective import DEFAULT_AIMS
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
@@ -55,7 +61,7 @@ def test_blocks_take_what_is_left_over_and_keep_light_and_means(rng: np.random.G
 
 
 def test_each_device_has_blocks_of_its_own(rng: np.random.Generator) -> None:
-    beside, under = (Blocks(((7, 5), (4, 6)), 3, layout) for layout in (coarser_devices.beside, coarser_devices.below))
+    beside, under = (Blocks(((7, 5), (4, 6)), 3, layout) for layout in (next_to_each_other, below_each_other))
     assert (beside.coarse, under.coarse) == ((2, 3), (3, 2))
     for blocks, second, nowhere in (
         (beside, np.s_[:4, 5:], np.s_[4:, 5:]),

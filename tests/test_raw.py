@@ -20,9 +20,8 @@ from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.acquisition.cameras.tethered import TetheredEye
-from counterlight.tools.hdr.mosaic import TOP
 from counterlight.tools.hdr.photographs import read_photograph
-from counterlight.tools.hdr.raw_files import decode_raw
+from counterlight.tools.hdr.raw_files import TOP, decode_raw
 from counterlight.tools.transport.storage import read_transport
 from tests.acquired_rooms import CAMERA, PROJECTOR, shown_by
 from tests.dng import RGGB, XTRANS, dng, mosaic_of

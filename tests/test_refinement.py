@@ -10,8 +10,9 @@ from scipy.optimize import lsq_linear
 
 from counterlight import calibration
 from counterlight.maps import room_maps as maps
+from counterlight.maps.chain import Chain
 from counterlight.maps.prior import Prior
-from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
+from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import PreparedRows
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
@@ -160,7 +161,7 @@ def test_what_a_map_takes_is_counted_in_steps() -> None:
     """With one entry per row in T and its transpose, a step reads as much as two entries per row of T⁺."""
     side, pixels = 12, 144
     one = pack_matrices([sparse.eye_array(pixels, format="csr")] * 3, (side, side), (side, side))
-    far = FarMaps(one, one, one)
+    far = Chain(one, one, one)
     for entries in (9, 10):
         many = sparse.csr_array(np.tile(np.arange(pixels) < entries, (pixels, 1)).astype(np.float32))
         correction = pack_matrices([many] * 3, (side, side), (side, side))

@@ -13,12 +13,13 @@ from counterlight.errors import InputError
 from counterlight.remote.addresses import (
     Address,
     comes_from,
+    default_path,
     is_loopback,
     names_this_machine,
     parse_address,
     reachable,
+    token_at,
 )
-from counterlight.remote.tokens import default_path, token_at
 from counterlight.show.remotes import qr_code
 
 PORT = 8642

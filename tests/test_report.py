@@ -25,7 +25,7 @@ from counterlight.tools.report.pictures import cluster_picture, matrix_picture, 
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import FarLight, Transport, channels, in_one, luminance_matrix
+from counterlight.tools.transport.transport import Transport, channels, far_light_of, in_one, luminance_matrix
 from tests.blurred_rooms import CAMERA as BLURRED_CAMERA
 from tests.blurred_rooms import PROJECTOR as BLURRED_PROJECTOR
 from tests.blurred_rooms import calibrated, discs, rows_of
@@ -147,7 +147,7 @@ def test_the_matrix_picture_holds_far_light_as_if_entry_by_entry(rng: np.random.
     def random(shape: tuple[int, int], density: float) -> list[sparse.csr_array]:
         return [sparse.random_array(shape, density=density, rng=rng, dtype=np.float32).tocsr() for _ in range(3)]
 
-    far = FarLight.from_matrices(random((cells, n), 0.5), rng.uniform(size=(3, cells, cells)), random((m, cells), 0.5))
+    far = far_light_of(random((cells, n), 0.5), rng.uniform(size=(3, cells, cells)), random((m, cells), 0.5))
     T = Transport.from_matrices(random((m, n), 0.02), far)
     expected = matrix_picture(luminance_matrix(in_one(T))).astype(int)
     assert np.abs(transport_picture(T).astype(int) - expected).max() <= 1  # entries in one T are float32

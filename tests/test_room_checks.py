@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from counterlight.show.command_line import read_options
 from counterlight.show.from_options import check_of
-from counterlight.show.options import read_options
 from counterlight.show.registry import CommandError
 from counterlight.unattended.room_checks import LONGEST_S, Outcome, RoomChecks
 from tests.programs import PATIENCE_S, fail

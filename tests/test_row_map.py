@@ -12,7 +12,7 @@ from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.tables import Table
 from counterlight.maps import row_map, shelves
-from counterlight.maps.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, beside_each_other, pack, unpack
+from counterlight.maps.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, next_to_each_other, pack, unpack
 
 
 def promised(sizes: dict[str, object]) -> Table:
@@ -54,13 +54,13 @@ def test_blocks_leave_no_trace(rng: np.random.Generator, monkeypatch: pytest.Mon
         assert_same(unpack(packed), rows)
 
 
-def test_rows_beside_each_other_are_both_matrices_columns(rng: np.random.Generator) -> None:
+def test_rows_next_to_each_other_are_both_matrices_columns(rng: np.random.Generator) -> None:
     left, right = (random_rows(rng, rng.integers(0, 5, 40), columns) for columns in (30, 70))
     dense = [np.zeros((40, rows.columns, 3)) for rows in (left, right)]
     for whole, rows in zip(dense, (left, right), strict=True):
         np.add.at(whole, (rows.rows, rows.indices), rows.weights)
     found = np.zeros((40, 100, 3))
-    both = beside_each_other(left, right)
+    both = next_to_each_other(left, right)
     np.add.at(found, (both.rows, both.indices), both.weights)
     np.testing.assert_array_equal(found, np.concatenate(dense, axis=1))
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import integrate, special
 
 from counterlight.errors import InputError
-from counterlight.tools.simulation.camera_side import camera_samples
+from counterlight.tools.simulation.bands import camera_samples
 from counterlight.tools.simulation.effects import gloss, subsurface
 from counterlight.tools.simulation.effects_on import EffectsOn
 from counterlight.tools.simulation.geometry import trace

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.overlay.pointer import Pointer
+from counterlight.overlay.osd import Pointer
 from counterlight.show.registry import CommandError, Commands
 from tests.stage import SQUARE, Reader, Screen, Stage
 

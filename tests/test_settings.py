@@ -2,15 +2,20 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from counterlight.errors import InputError
+from counterlight.media.frames import MediaInfo, radiance_frame
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.value_types import Choice, Flag, Number
+from counterlight.show.command_line import _default_path, read_options
 from counterlight.show.from_options import adjustments_of, image_display_duration, monitors_of
-from counterlight.show.options import read_options
+from counterlight.show.into_file import ignored
+from counterlight.show.keys import KEYS
+from counterlight.show.options import OPTIONS, Option
 from counterlight.show.playlist import Playlist, expand
-from counterlight.show.settings import default_path
 
 
 @pytest.fixture
@@ -90,9 +95,41 @@ def test_a_wrong_setting_is_one_line_that_names_the_file(config: Path, text: str
     assert "\n" not in line
 
 
+@pytest.mark.parametrize(("name", "row"), OPTIONS.items())
+def test_a_row_of_the_table_is_an_option_and_a_setting(config: Path, name: str, row: Option) -> None:
+    kind, attribute = row.kind, name.replace("-", "_")
+    if not row.setting:
+        with pytest.raises(InputError, match=f"no setting '{name}'"):
+            options_with(config, f"{name} = true")
+        return
+    if isinstance(kind, Flag):
+        words, value, text = [f"--{'no-' if row.default else ''}{name}"], not row.default, str(not row.default).lower()
+    elif isinstance(kind, Number | Choice):
+        value = kind.low if isinstance(kind, Number) else next(word for word in kind.words if word != row.default)
+        words, text = [f"--{name}={value}"], f"'{value}'"
+    else:
+        return  # paths, addresses and names have tests of their own
+    for options in (options_with(config, f"{name} = {text}"), options_with(config, "", *words)):
+        assert getattr(options, attribute) == value
+        assert options.given == {name, "config"} - ({name} if value == row.default else set())
+
+
+def test_no_key_is_bound_twice() -> None:
+    keys = [key for row in OPTIONS.values() for key in row.keys]
+    assert len(keys) == len(set(keys))
+    assert all(KEYS[key] == command for row in OPTIONS.values() for key, (command, _) in row.keys.items())
+
+
+def test_a_file_ignores_what_is_for_a_window() -> None:
+    options = read_options(["room", "a.mp4", "--no-config", "--output", "b.mp4", "--fullscreen", "--speed", "2"], "")
+    pixels = radiance_frame(np.zeros((2, 3, 3), np.float32)).format
+    lines = ignored(options, MediaInfo("a.mp4", pixels, 25.0, 1.0, False, "h264", 25))
+    assert lines == [f"--{name}: is for a window, has no effect with --output" for name in ("speed", "fullscreen")]
+
+
 def test_where_settings_are_looked_for(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert default_path({"XDG_CONFIG_HOME": "/x"}, Path("/home/a")) == Path("/x/counterlight/player.toml")
-    assert default_path({}, Path("/home/a")) == Path("/home/a/.config/counterlight/player.toml")
+    assert _default_path({"XDG_CONFIG_HOME": "/x"}, Path("/home/a")) == Path("/x/counterlight/player.toml")
+    assert _default_path({}, Path("/home/a")) == Path("/home/a/.config/counterlight/player.toml")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert read_options(["room", "a"], "").refine is None  # no such file: no complaint
     (tmp_path / "counterlight").mkdir()

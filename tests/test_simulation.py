@@ -84,7 +84,7 @@ def test_the_report_says_what_effects_cost() -> None:
     far = result.transport.far
     assert far is not None
     ends = [*channels(far.gather), *channels(far.scatter)]
-    assert by_name["inter_reflection"].entries == far.mix.size + sum(matrix.nnz for matrix in ends)
+    assert by_name["inter_reflection"].entries == far.mix.matrices.size + sum(matrix.nnz for matrix in ends)
     shares = [by_name[name].energy_share for name in ("direct", "inter_reflection", "ambient_light", "black_level")]
     assert sum(shares) == pytest.approx(1, abs=1e-6)  # float32
     assert by_name["direct"].energy_share == pytest.approx(1 - sum(shares[1:]), abs=1e-6)

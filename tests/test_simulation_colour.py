@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.errors import InputError
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.room import simulated_calibration

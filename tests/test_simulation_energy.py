@@ -13,7 +13,7 @@ from counterlight.tools.simulation.devices import Device
 from counterlight.tools.simulation.effects.inter_reflection import form_factors, mixed
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.transport.transport import channel
+from counterlight.tools.transport.transport import channel, channel_of_chain
 from tests.scenes import flat, plane, rectangle, scene_file, small
 
 FloatArray = NDArray[np.float64]
@@ -54,7 +54,7 @@ def test_a_closed_box_absorbs_what_is_sent(tmp_path: Path) -> None:
     areas = np.concatenate([grid.areas for grid in cut_into_cells(scene.surfaces, scene.cells)])
     for picture in [*np.eye(16 * 12)[[0, 50, 191]].tolist(), np.ones(16 * 12).tolist()]:
         direct = channel(far.gather, 1) @ np.array(picture)
-        kept = areas @ (0.2 * (direct + far.mix[1] @ direct))
+        kept = areas @ (0.2 * (direct + far.mix.matrices[1] @ direct))
         sent = areas @ direct
         assert sent > 0
         assert kept == pytest.approx(sent, rel=0.02)  # neighbours at an edge are reciprocal within 6 %
@@ -134,7 +134,8 @@ def test_camera_and_projector_can_be_exchanged(name: str) -> None:
         probes = blocks(24, 32, 8)
         pair.append(unit * probes.T @ channel(transport.near, 1).toarray() @ probes)
         if transport.far is not None:
-            far = channel(transport.far.scatter, 1) @ transport.far.mix[1] @ channel(transport.far.gather, 1).toarray()
+            D, M, U = channel_of_chain(transport.far, 1).factors
+            far = U @ M @ D.toarray()
             pair[-1] = pair[-1] + unit * probes.T @ far @ probes
     largest = pair[0].max()
     assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # blocks of 8 x 8 pixels, 64 rays per pixel

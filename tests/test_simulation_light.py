@@ -200,7 +200,7 @@ def test_the_floodlit_corner_equals_bounces_computed_one_by_one() -> None:
         lower = cells[j + 1, i] * (1 - x + i) + cells[j + 1, i + 1] * (x - i)
         seen = rho * (upper * (1 - y + j) + lower * (y - j)) / np.pi / 4
         expected += np.bincount(pixels[on], seen, expected.size)
-    result = channel(far.scatter, 0) @ (far.mix[0] @ direct)
+    result = channel(far.scatter, 0) @ (far.mix.matrices[0] @ direct)
     np.testing.assert_allclose(result, expected, rtol=1e-5)  # U is float32
     assert result.max() > 0.05
 
@@ -231,7 +231,7 @@ def test_no_room_returns_more_than_it_gets() -> None:
     scene = small("corner")
     result = simulate(scene)
     assert result.transport.far is not None
-    lost = 1 - result.transport.far.mix.sum(axis=2)  # indirect light per unit of uniform direct light
+    lost = 1 - result.transport.far.mix.matrices.sum(axis=2)  # indirect light per unit of uniform direct light
     assert lost.max() < 1
     assert channel(result.transport.near, 0).data.min() >= 0
-    assert result.transport.far.mix.min() >= 0
+    assert result.transport.far.mix.matrices.min() >= 0

@@ -14,13 +14,11 @@ from counterlight.tools.simulation.materials import Pattern
 from counterlight.tools.simulation.scene import inside_of, load_scene
 from counterlight.tools.simulation.shapes import mesh
 from counterlight.tools.simulation.shapes.figures import bricks
-from counterlight.tools.simulation.shapes.lathe import turned
 from counterlight.tools.simulation.shapes.mesh import read_obj
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.shapes.quadrics import Cylinder, Sphere
-from counterlight.tools.simulation.shapes.relief import read_heights, relief
 from counterlight.tools.simulation.shapes.shape import Shape, shape_area
-from counterlight.tools.simulation.shapes.triangles import Triangles
+from counterlight.tools.simulation.shapes.triangles import Triangles, read_heights, relief, turned
 from tests.scenes import plane, scene_file
 
 FloatArray = NDArray[np.float64]

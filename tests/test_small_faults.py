@@ -9,11 +9,11 @@ import pytest
 
 from counterlight.app import _check_window
 from counterlight.errors import InputError
+from counterlight.media.decoding.ffmpeg_source import known_tags
 from counterlight.media.decoding.opening import reason
-from counterlight.media.decoding.tiff import known_tags
 from counterlight.media.medium import Medium
 from counterlight.overlay.osd import Page, draw
-from counterlight.show.options import read_options
+from counterlight.show.command_line import read_options
 from tests.media import read
 from tests.stage import Stage
 

@@ -19,8 +19,8 @@ from counterlight.maps.small_map import (
 )
 from counterlight.maps.word_map import WordMap
 from counterlight.maps.word_runs import in_words
-from counterlight.tools.inverse.words import words_of
 from counterlight.tools.inverse.words_fit import Fit, fit
+from counterlight.tools.inverse.words_light import words_of
 from tests.refined_rooms import physical_room
 from tests.small_rooms import as_long, random_small, with_words
 

@@ -16,7 +16,7 @@ from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.files import exr
 from counterlight.response import Response
 from counterlight.tools import build_correction_map
-from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.clusters.components import NonFiniteError
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.box import MOST_STEPS, TOLERANCE
 from counterlight.tools.solve.channel import Channel
@@ -167,7 +167,7 @@ def test_far_light_is_part_of_the_system(rng: np.random.Generator) -> None:
     b = rng.uniform(size=(transport.shape[0], 3))
     green = Channel.of(transport.inside(mask), 1)
     assert transport.far is not None
-    far = channel(transport.far.scatter, 1) @ transport.far.mix[1] @ channel(transport.far.gather, 1).toarray()
+    far = channel(transport.far.scatter, 1) @ transport.far.mix.matrices[1] @ channel(transport.far.gather, 1).toarray()
     T = (channel(transport.near, 1).toarray() + far) * mask[:, None]
     p, c = rng.uniform(size=T.shape[1]), rng.uniform(size=T.shape[0])
     np.testing.assert_allclose(green.operator.matvec(p), T @ p)

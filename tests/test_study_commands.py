@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterlight.files import exr
-from counterlight.files.png import encode_png
+from counterlight.files.picture_files import encode_png
 from counterlight.response import Response
 from counterlight.tools.study.measure import study_room
 from counterlight.tools.study.methods import catalogue, uncut_knobs

@@ -76,7 +76,7 @@ def test_a_cut_has_the_pseudo_inverse_of_the_cut_and_fitted_transport(
     rng: np.random.Generator, room: Path, backend: str
 ) -> None:
     """A threshold cuts T with far light, by command and in Python. The test cuts the same entries itself."""
-    cut = "--radius", 5, "--tau-1", 0.3, "--tau-2", 0.9
+    cut = "--cut", 5, 0.3, 0.9
     succeed("build", room, "--inverse", "thesis", "--max-error", 0, "--tau", TAU, *cut)
     known = cl.read_room(room)
     maps = cl.read_maps(room)
@@ -129,7 +129,7 @@ def test_a_map_whose_far_light_is_half_gone_is_refused(room: Path) -> None:
 
 
 def test_a_cut_by_hand_is_for_the_damped_inverse_too(room: Path) -> None:
-    succeed("build", room, "--radius", "2", "--tau-1", "0.5")
+    succeed("build", room, "--cut", 2, 0.5, 1)
     manifest = tomllib.loads((room / "correction" / "manifest.toml").read_text())
     assert manifest["inverse"]["chosen"] == "cut"
     assert manifest["bounded"] is True
@@ -149,15 +149,13 @@ def test_one_dense_matrix_that_does_not_fit_is_refused(room: Path, monkeypatch: 
     ("options", "complaint"),
     [
         (["--inverse", "thesis", "--regularize", "0.1"], "--regularize 0.1: --inverse thesis takes plain"),
-        (["--inverse", "thesis", "--method", "windowed"], "--method windowed: --inverse thesis takes plain"),
         (["--inverse", "thesis", "--tau", "1"], "--tau 1: expected 0 up to 1"),
         (["--tau", "0.01"], "--tau 0.01: the threshold of --inverse thesis"),
-        (["--inverse", "none", "--radius", "2", "--tau-1", "1"], "--inverse none: cuts nothing; leave --radius out"),
-        (["--radius", "2"], "--tau-1: not given"),
-        (["--tau-2", "1"], "--radius: not given"),
-        (["--radius", "2", "--tau-1", "1", "--max-cluster", "9"], "--max-cluster 9 finds its own"),
-        (["--radius", "-1", "--tau-1", "1"], "--radius -1.0: expected 0 or more"),
-        (["--radius", "2", "--tau-1", "2"], "--tau-1 2.0: expected a fraction from 0 to 1"),
+        (["--inverse", "none", "--cut", "2", "1", "1"], "--inverse none: cuts nothing; leave --cut 2 1 1 out"),
+        (["--cut", "2", "1"], "argument --cut: expected 3 arguments"),
+        (["--cut", "2", "1", "1", "--max-cluster", "9"], "--cut 2 1 1: --max-cluster 9 finds its own"),
+        (["--cut", "-1", "1", "1"], "--cut -1 1 1: found radius -1, expected 0 or more"),
+        (["--cut", "2", "2", "1"], "--cut 2 2 1: found TAU_1 2, expected a fraction from 0 to 1"),
     ],
 )
 def test_cuts_that_contradict_themselves_are_one_line(room: Path, options: list[str], complaint: str) -> None:

@@ -12,9 +12,9 @@ from counterlight import calibration
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.pipeline.views_together import check_views
+from counterlight.tools.joining.cameras import CameraOptions
+from counterlight.tools.joining.views import join_views, on_shared_screen
 from counterlight.tools.simulation.scene import load_scene
-from counterlight.tools.transport.joining_cameras import CameraOptions
-from counterlight.tools.transport.joining_views import join_views, on_shared_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from counterlight.viewpoints import Places, read_places

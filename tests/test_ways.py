@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from counterlight.arrays import BoolArray
+from counterlight.tools.joining.cameras import CameraOptions, joined_cameras
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.transport.joining import join_transports
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.transport import in_one, luminance, luminance_matrix
 from counterlight.tools.ways.bending import LEAST_PX, Lines
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, WAYS, Way, Ways, ways_of

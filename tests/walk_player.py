@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.app import play_in_window
+from counterlight.show.command_line import read_options
 from counterlight.show.from_options import adjustments_of, room_of
-from counterlight.show.options import read_options
 from counterlight.show.registry import CommandError, Commands
 
 LOOPS_BETWEEN = 4

@@ -11,8 +11,7 @@ from scipy import sparse
 from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
-from counterlight.files.picture_files import read_picture
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import read_picture, write_png
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RoomMaps, read_maps, write_maps
 from counterlight.media.decoding.media import _sequence

@@ -29,7 +29,6 @@ from counterlight.tools.arguments import Shape, in_python
 from counterlight.tools.choices import (
     BLUR_TOLERANCE,
     COLOURS,
-    INVERSE_METHODS,
     INVERSES,
     MOST_TOLERANCE,
     TOLERANCE,
@@ -319,7 +318,6 @@ def build_maps(
     max_error: float | None = None,
     max_cluster: int | None = None,
     noise: float | None = None,
-    method: str | None = None,
     inverse: str | None = None,
     tau: float | None = None,
     parameters: Parameters | None = None,
@@ -334,14 +332,11 @@ def build_maps(
     from counterlight.tools.inverse.near_light import InverseOptions
 
     tier = _coloured(room, colour).tier
-    if inverse is None and (max_cluster is not None or parameters is not None):
-        inverse = "cut"
     checks: dict[str, tuple[Any, ...]] = {
         "damping": (damping, arguments.number, 0, 1),
         "max_error": (max_error, arguments.number, 0, 255),
         "max_cluster": (max_cluster, arguments.whole, 1, tier.calibration.projector.pixels),
         "noise": (noise, arguments.number, 0, 1),
-        "method": (method, arguments.choice, INVERSE_METHODS),
         "inverse": (inverse, arguments.choice, INVERSES),
         "tau": (tau, arguments.number, 0, 1),
     }

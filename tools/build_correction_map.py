@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from counterlight.command import Arguments, Parser, run, tell
 from counterlight.errors import InputError
-from counterlight.tools.choices import INVERSE_METHODS, INVERSES
+from counterlight.tools.choices import INVERSES
 from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options, aims_of
@@ -18,7 +18,6 @@ from counterlight.viewpoints import calibrations_in, is_set
 from counterlight.writing.outputs import check_folder
 
 if TYPE_CHECKING:
-    from counterlight.tools.clusters.decomposition import Parameters
     from counterlight.tools.inverse.build import BuiltRoom
     from counterlight.tools.inverse.near_light import InverseOptions
     from counterlight.tools.transport.objective import ObjectiveOptions
@@ -33,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.tools.clusters.decomposition import Parameters
     from counterlight.tools.inverse.near_light import InverseOptions
     from counterlight.tools.report.report import check_report_folder
 
@@ -42,9 +42,8 @@ def _main(argv: Sequence[str] | None) -> None:
         options.max_error,
         options.max_cluster,
         options.noise,
-        options.method,
         options.inverse,
-        _parameters(options),
+        None if options.cut is None else Parameters(*options.cut),
         options.tau,
     )
     if options.report is not None:
@@ -106,19 +105,6 @@ def _damping(text: str) -> float | None:
         raise argparse.ArgumentTypeError(f"expected auto, none or a number from 0 to 1, found {text!r}") from None
 
 
-def _parameters(options: argparse.Namespace) -> "Parameters | None":
-    """Returns the parameters of the cut, or None; InputError unless radius and τ₁ are given together."""
-    from counterlight.tools.clusters.decomposition import Parameters
-
-    radius, tau_1, tau_2 = options.radius, options.tau_1, options.tau_2
-    if radius is None and tau_1 is None and tau_2 is None:
-        return None
-    if radius is None or tau_1 is None:
-        missing = "--radius" if radius is None else "--tau-1"
-        raise InputError(f"{missing}: not given; a cut by hand takes --radius and --tau-1, and --tau-2 if it is not 1")
-    return Parameters(radius, tau_1, 1.0 if tau_2 is None else tau_2)
-
-
 def _parser() -> Parser:
     parser = Parser("build", description=__doc__, examples=EXAMPLES, common=COMMON)
     parser.add_argument("calibration", type=Path, help="calibration folder; the maps are written into it")
@@ -136,8 +122,9 @@ def _add_inverse(group: Arguments) -> None:
         "--inverse",
         choices=INVERSES,
         default="auto",
-        help="invert T as a whole, cut into clusters, or not at all (direct mapping); thesis: chapter 5 to the letter, "
-        "for play --refine 0; auto: whole within a minute and half of the memory, otherwise cut or none (default auto)",
+        help="whole: invert T as it is; cut: invert T cut into clusters; none: map directly, without an inverse; "
+        "thesis: chapter 5 to the letter, for play --refine 0; auto: whole within a minute and half of the memory, "
+        "otherwise cut or none (default auto)",
     )
     group.add_argument(
         "--regularize",
@@ -162,12 +149,6 @@ def _add_inverse(group: Arguments) -> None:
         help="state the relative noise of T, such as 0.01; singular values that can be noise are dropped or damped "
         "(default 0)",
     )
-    group.add_argument(
-        "--method",
-        default="auto",
-        metavar="|".join(INVERSE_METHODS),
-        help="invert clusters whole or through windows; auto: as their sizes allow (default auto)",
-    )
 
 
 def _add_output(group: Arguments) -> None:
@@ -181,26 +162,16 @@ def _add_cut(group: Arguments) -> None:
         "--max-cluster",
         type=int,
         metavar="PIXELS",
-        help="cut into clusters of at most this many projector pixels (default 1000; 200 with --inverse thesis)",
+        help="find a cut into clusters of at most this many projector pixels (default 1000; 200 with --inverse thesis)",
     )
     group.add_argument(
-        "--radius",
+        "--cut",
         type=float,
-        metavar="PIXELS",
-        help="cut in neighbourhoods of this radius instead of by --max-cluster (thesis, Appendix A); needs --tau-1",
-    )
-    group.add_argument(
-        "--tau-1",
-        type=float,
-        metavar="SHARE",
-        help="with --radius: cut connections of at most this share of the strongest in their neighbourhood",
-    )
-    group.add_argument(
-        "--tau-2",
-        type=float,
-        metavar="SHARE",
-        help="with --radius: reconnect an isolated pixel by connections of at least this share of its strongest "
-        "(default 1)",
+        nargs=3,
+        metavar=("RADIUS", "TAU_1", "TAU_2"),
+        help="cut with the parameters of the thesis (Appendix A), such as 5 0.3 1, instead of by --max-cluster: radius "
+        "of a neighbourhood in pixels; share of its strongest connection up to which others are cut; share of its "
+        "strongest connection from which a cut-off pixel is reconnected",
     )
     group.add_argument(
         "--tau",

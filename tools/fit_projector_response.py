@@ -15,9 +15,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.response import named_response
+    from counterlight.tools.hdr.camera_response import SUFFIXES, write_response
     from counterlight.tools.hdr.grey_ramp import read_ramp
     from counterlight.tools.hdr.projector_response import fit_projector_response
-    from counterlight.tools.hdr.response_table import SUFFIXES, write_response
 
     check_file(options.output, suffixes=SUFFIXES, inputs=[options.source, Path(options.camera_response)])
     levels, light = read_ramp(options.source, named_response(options.camera_response))

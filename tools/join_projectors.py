@@ -24,8 +24,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    from counterlight.tools.transport.joining import join_rooms
-    from counterlight.tools.transport.joining_cameras import CameraOptions, join_cameras, same_projectors
+    from counterlight.tools.joining.cameras import CameraOptions, join_cameras, same_projectors
+    from counterlight.tools.joining.projectors import join_rooms
 
     named = {"name": options.name, "force": options.force}
     if options.at:
@@ -33,7 +33,7 @@ def _main(argv: Sequence[str] | None) -> None:
             raise InputError(
                 "--cameras makes one room of all, --at a set of views for viewers that move; leave one out"
             )
-        from counterlight.tools.transport.joining_views import join_views
+        from counterlight.tools.joining.views import join_views
 
         asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)
         print(join_views(options.rooms, Places(tuple(options.at)), options.output, asked, options.monitor, **named))

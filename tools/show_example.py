@@ -11,7 +11,7 @@ import numpy as np
 from counterlight import app, calibration
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.gl.probe import probe_opengl
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr

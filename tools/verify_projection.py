@@ -72,7 +72,7 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
     from counterlight.tools.acquisition.preflight import preflight, refuse_bad
     from counterlight.tools.acquisition.rig import open_rig
     from counterlight.tools.transport.storage import read_transport
-    from counterlight.unattended.asking import check_control
+    from counterlight.unattended.json_lines import check_control
 
     stored = calibrations.read(options.calibration)
     if options.control is not None and options.watch is None:
@@ -154,7 +154,7 @@ def _once(
     """Run one check, and show the picture if there is one; returns the exit code."""
     from counterlight.pipeline.drift import read_drift, write_drift
     from counterlight.tools.acquisition.room_check import check_room, nothing
-    from counterlight.unattended.asking import ask
+    from counterlight.unattended.json_lines import ask
 
     checked, kept = check_room(photographer, stored.calibration, transport), read_drift(stored)
     if checked.lost:
@@ -203,7 +203,7 @@ def _refuse_existing(folder: Path) -> None:
 
 
 def _write(stage: Path, task: "Verification", best: "Verified") -> None:
-    from counterlight.files.png import write_png
+    from counterlight.files.picture_files import write_png
     from counterlight.tools.relighting.pictures import write_view
 
     write_png(stage / "projected.png", best.codes)

@@ -1,12 +1,16 @@
-"""Checksums of files, and TOML output."""
+"""Checksums of files, TOML output, and reading a folder that another process may replace at any time."""
 
 import hashlib
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomli_w
+
+from counterlight.errors import InputError
+from counterlight.writing.stage import finish
 
 
 def sha256_of(path: Path) -> str:
@@ -26,3 +30,39 @@ def describe_files(folder: Path) -> dict[str, dict[str, Any]]:
 
 def write_toml(path: Path, table: dict[str, Any]) -> None:
     path.write_text(tomli_w.dumps(table), encoding="utf-8")
+
+
+ATTEMPTS = 10
+
+T = TypeVar("T")
+
+
+def read_steadily(manifest: Path, read: Callable[[], T]) -> T:
+    """Return the result of `read` if the folder stayed the same during the call; otherwise read again.
+
+    Completes a killed process's move first. Raises an exception of `read` if the folder stayed the same.
+
+    manifest : the file of the folder that is written last, and so differs between generations.
+    read : reads the folder.
+    """
+    for _ in range(ATTEMPTS):
+        finish(manifest.parent)
+        before = _identity(manifest)
+        try:
+            result = read()
+        except InputError:
+            if _identity(manifest) == before:
+                raise
+            continue
+        if _identity(manifest) == before:
+            return result
+    raise InputError(f"{manifest.parent}: was replaced {ATTEMPTS} times while it was read; try again when that ends")
+
+
+def _identity(path: Path) -> tuple[int, ...] | None:
+    """Return values that no two files at this path share. Inode numbers are reused, but times are not."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino, status.st_ctime_ns, status.st_mtime_ns, status.st_size

@@ -1,4 +1,4 @@
-"""Reads PNG and JPEG pictures as stored. Checks that they are complete and of a plausible size before decoding.
+"""Reads PNG and JPEG pictures as stored, checked for completeness and size before decoding; encodes PNG.
 
 OpenCV decodes a truncated PNG or JPEG without an error, with the missing part black or grey. A Gray-code capture would
 then decode to wrong coordinates. Therefore this module first walks through the file's structure to its end. It also
@@ -9,6 +9,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -17,9 +18,23 @@ from numpy.typing import NDArray
 
 from counterlight import memory
 from counterlight.errors import InputError
-from counterlight.files.png import PNG_SIGNATURE
 from counterlight.files.reading import Source, opened, read_bytes
 from counterlight.files.silence import silence
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def encode_png(picture: NDArray[Any]) -> bytes:
+    """Encode a picture (rows, columns) or (rows, columns, 3) RGB; uint8 or uint16."""
+    done, content = cv2.imencode(".png", picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1]))
+    assert done
+    return content.tobytes()
+
+
+def write_png(path: Path, picture: NDArray[Any]) -> None:
+    """Encode a picture as `encode_png` does, and write it. Raises OSError if the system refuses."""
+    path.write_bytes(encode_png(picture))
+
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 MAX_SIDE = 16384

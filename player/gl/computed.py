@@ -15,7 +15,7 @@ class ComputedRenderer(WindowRenderer[Array]):
     def __init__(self, context: moderngl.Context, room: Room) -> None:
         self._context = context
         self._textures: dict[tuple[int, ...], moderngl.Texture] = {}
-        super().__init__(CpuDevice(), room, "cpu")
+        super().__init__(CpuDevice(), room)
 
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0, timed: bool = False) -> None:
         super().render(view, compensate=compensate, frame=frame, steps=steps, timed=timed)

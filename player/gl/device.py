@@ -23,7 +23,7 @@ from counterlight.passes import encode
 from counterlight.passes.certificate import BlockSum
 from counterlight.passes.drawing import CHANNELS
 from counterlight.passes.refinement_step import Step, Ties
-from counterlight.pipeline.device import NearLight, Owner
+from counterlight.pipeline.device import EVERYWHERE, GpuPath, NearLight, Owner
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.room import Room
 from counterlight.response import RasterResponse
@@ -35,11 +35,12 @@ CODES = {8: 0x8058, 10: 0x8059}  # internal formats: RGBA8, RGB10_A2
 class GlDevice:
     """Makes pictures as RGBA32F textures. The caller owns the context.
 
+    path : how to multiply with a room's maps.
     bits : bits per encoded code value, 8 or 10.
     """
 
-    def __init__(self, context: moderngl.Context, bits: int = 8) -> None:
-        self._context, self._bits, self._programs = context, bits, Programs(context)
+    def __init__(self, context: moderngl.Context, path: GpuPath = EVERYWHERE, bits: int = 8) -> None:
+        self._context, self._path, self._bits, self._programs = context, path, bits, Programs(context)
 
     def picture(self, picture: NDArray[np.floating]) -> moderngl.Texture:
         return picture_texture(self._context, picture.astype(np.float32, copy=False))
@@ -54,8 +55,8 @@ class GlDevice:
         """Return a canvas; textures always have four channels."""
         return Canvas(self._context, self._programs, float_texture(self._context, shape))
 
-    def store(self, room: Room, path: str) -> GlMaps:
-        return store_maps(self._context, room, path)
+    def store(self, room: Room) -> GlMaps:
+        return store_maps(self._context, room, self._path)
 
     def planes(self, pixels: PixelFormat) -> Planes:
         return Planes(self._context, pixels)

@@ -12,8 +12,7 @@ import moderngl
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors, refuse_shared
 from counterlight.gl.window import REDRAW, Window, wait_for_events
-from counterlight.overlay.osd import Page
-from counterlight.overlay.pointer import Pointer
+from counterlight.overlay.osd import Page, Pointer
 from counterlight.raster import Region
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import glfw
 
 from counterlight.gl.presenter import Shown
-from counterlight.overlay.pointer import Pointer
+from counterlight.overlay.osd import Pointer
 
 DOUBLE_CLICK_S, DOUBLE_CLICK_PIXELS = 0.4, 8  # largest time and distance between two presses
 

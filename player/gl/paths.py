@@ -1,9 +1,4 @@
-"""The ways to multiply with a room's maps on the GPU, and the choice of the fastest.
-
-fragment : shaders/row_map.frag, available everywhere.
-compute : shaders/row_map.comp, needs OpenGL 4.3.
-words, compute-words : T and Tᵀ in words of 4 bytes, shaders/small_map.frag and small_map.comp.
-"""
+"""The ways to multiply with a room's maps on the GPU: two shaders, two formats of entries, and the fastest of them."""
 
 import time
 from collections.abc import Iterable
@@ -13,29 +8,27 @@ import moderngl
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.gl.compute_pass import MapBuffers, supports_compute
+from counterlight.gl.gpu_maps import MapBuffers, MapTextures, WordBuffers, WordTextures, supports_compute
 from counterlight.gl.passes import float_texture
-from counterlight.gl.row_map_pass import MapTextures
-from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.row_map import RowMap
 from counterlight.maps.small_map import WORD_BYTES
-from counterlight.pipeline.device import LONG_BYTES, Owner, PathReport, Product, StoredMap
+from counterlight.pipeline.device import LONG_BYTES, GpuPath, Owner, PathReport, Product, StoredMap
 from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
-COMPUTE, WORDS = ("compute", "compute-words"), ("words", "compute-words")
+STORES = {"fragment": (MapTextures, WordTextures), "compute": (MapBuffers, WordBuffers)}
 
 
 class GlMaps:
     """Holds a room's maps on the GPU for one path; each is uploaded on first use."""
 
-    def __init__(self, context: moderngl.Context, room: Room, path: str) -> None:
+    def __init__(self, context: moderngl.Context, room: Room, path: GpuPath) -> None:
         self._context, self._owner = context, Owner()
-        self._words = room.maps.in_words(room.white) if path in WORDS else {}
+        self._words = room.maps.in_words(room.white) if path.entries == "words" else {}
         self._stored: dict[int, StoredMap[moderngl.Texture]] = {}
         self.weighs = id(room.maps.transport) in self._words
-        self.room = room
-        self.report = PathReport(path, LONG_BYTES, self._light_bytes() if self.weighs else None)
+        self.room, self.path = room, path
+        self.report = PathReport(str(path), LONG_BYTES, self._light_bytes() if self.weighs else None)
 
     def of(self, packed: RowMap) -> StoredMap[moderngl.Texture]:
         if id(packed) not in self._stored:
@@ -46,10 +39,9 @@ class GlMaps:
         self._owner.release()
 
     def _store(self, packed: RowMap) -> StoredMap[moderngl.Texture]:
-        compute, small = self.report.name in COMPUTE, self._words.get(id(packed))
-        if small is not None:
-            return (SmallBuffers if compute else SmallTextures)(self._context, small)
-        return (MapBuffers if compute else MapTextures)(self._context, packed)
+        of_entries, of_words = STORES[self.path.shader]
+        small = self._words.get(id(packed))
+        return of_entries(self._context, packed) if small is None else of_words(self._context, small)
 
     def _light_bytes(self) -> float:
         """Return the mean bytes per entry of T."""
@@ -57,29 +49,28 @@ class GlMaps:
         return WORD_BYTES * self._words[id(transport)].runs.words.size / max(transport.count, 1)
 
 
-def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
-    """Return a room's maps on the requested path. "auto" measures fragment and compute shaders, then words.
+def store_maps(context: moderngl.Context, room: Room, path: GpuPath) -> GlMaps:
+    """Return a room's maps on the requested path. "auto" measures the shaders first, then words with the faster shader.
 
-    Raises InputError if a requested path needs compute shaders or words that are missing; "auto" skips such paths.
+    Raises InputError if a requested shader or words are missing; "auto" skips what is missing.
     """
-    if path in COMPUTE and not supports_compute(context):
+    if path.shader == "compute" and not supports_compute(context):
         raise InputError(
-            f"--path {path}: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
+            f"--shader compute: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --shader fragment or auto"
         )
     has_words = bool(room.maps.in_words(room.white))
-    if path in WORDS and not has_words:
+    if path.entries == "words" and not has_words:
         raise InputError(
-            f"--path {path}: the room has no words of 4 bytes for this white level, or is played without refinement, "
-            "which they are for; build it anew, or use --path auto"
+            "--entries words: the room has no words of 4 bytes for this white level, or is played without refinement, "
+            "which they are for; build it anew, or use --entries auto"
         )
-    if path != "auto":
-        return GlMaps(context, room, path)
-    fastest = GlMaps(context, room, "fragment")
-    if supports_compute(context):
-        fastest = _faster(context, fastest, GlMaps(context, room, "compute"))
-    if has_words:
-        other = "compute-words" if fastest.report.name == "compute" else "words"
-        fastest = _faster(context, fastest, GlMaps(context, room, other))
+    first, *other = [path.shader] if path.shader != "auto" else ["fragment", "compute"]
+    entries = "16" if path.entries == "auto" else path.entries
+    fastest = GlMaps(context, room, GpuPath(first, entries))
+    if other and supports_compute(context):
+        fastest = _faster(context, fastest, GlMaps(context, room, GpuPath("compute", entries)))
+    if path.entries == "auto" and has_words:
+        fastest = _faster(context, fastest, GlMaps(context, room, GpuPath(fastest.path.shader, "words")))
     return fastest
 
 

@@ -6,6 +6,7 @@ import moderngl
 
 from counterlight.gl.device import GlDevice
 from counterlight.passes.drawing import Picture
+from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 
@@ -22,8 +23,8 @@ class WindowRenderer(Renderer[Picture]):
 class GlRenderer(WindowRenderer[moderngl.Texture]):
     """The renderer on a GPU. bits : 8 or 10 bits per code value, as the window has; `encoded` always has 8."""
 
-    def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment", bits: int = 8) -> None:
-        super().__init__(GlDevice(context, bits), room, path)
+    def __init__(self, context: moderngl.Context, room: Room, path: GpuPath = EVERYWHERE, bits: int = 8) -> None:
+        super().__init__(GlDevice(context, path, bits), room)
 
     @property
     def encoded_texture(self) -> moderngl.Texture:

@@ -24,8 +24,7 @@ from counterlight.gl.monitors import (
 from counterlight.gl.mouse import Mouse
 from counterlight.gl.presenter import Presenter
 from counterlight.gl.x11 import Box
-from counterlight.overlay.osd import Page
-from counterlight.overlay.pointer import Pointer
+from counterlight.overlay.osd import Page, Pointer
 from counterlight.raster import Region
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered

@@ -27,12 +27,12 @@ from counterlight.arrays import brief
 from counterlight.calibration import RADIANCE, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.generation import read_steadily
-from counterlight.files.manifest import describe_files, write_toml
+from counterlight.files.manifest import describe_files, read_steadily, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
 from counterlight.maps import mixing as mixings
 from counterlight.maps import prior, row_map, word_map
+from counterlight.maps.chain import Chain
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
@@ -41,6 +41,7 @@ from counterlight.writing.replacing import replacing_folder
 
 T = TypeVar("T")
 R = TypeVar("R")
+MapChain: TypeAlias = Chain[RowMap, RowMap | None]
 Shapes: TypeAlias = tuple[tuple[int, int], tuple[int, int]]  # of output and source
 
 FORMAT = 2  # format 1 had no weights and no prior
@@ -49,41 +50,14 @@ FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
 AT_A_TIME = 2  # maps that are read or written in parallel
 WEIGHTS, SEEN, LIT = "weights.exr", "seen.exr", "lit.exr"
 WORDS = "words"
+CHAINS = {  # folders of each chain's gather, mix and scatter; far light and the light that T⁺ removes share U
+    "far": ("far_gather", "far_mix", "far_scatter"),
+    "undo": ("undo_gather", "undo_mix", "far_scatter"),
+    "dual": ("dual_gather", "dual_mix", "dual_scatter"),
+    "blurred": ("blurred_gather", None, "blurred_scatter"),
+    "blurred_dual": ("blurred_dual_gather", None, "blurred_dual_scatter"),
+}
 IN_ENTRIES = {".", "direct", "undo_gather", "undo_mix"}  # maps that are never stored in words
-
-
-@dataclass(frozen=True)
-class FarMaps:
-    """gather: picture -> parts of cells; mix: parts -> cells; scatter: cells -> picture. Parts and cells have height 1.
-
-    A cell has one part, or several if more pixels than a texture's width are gathered into it.
-    """
-
-    gather: RowMap
-    mix: RowMap
-    scatter: RowMap
-
-    __repr__ = brief
-
-    @property
-    def parts(self) -> tuple[RowMap, ...]:
-        """The factors in the order of application."""
-        return self.gather, self.mix, self.scatter
-
-
-@dataclass(frozen=True)
-class BlurredMaps:
-    """gather: picture -> parts of cells, as in FarMaps; scatter: parts -> picture. Parts fill a picture by lines."""
-
-    gather: RowMap
-    scatter: RowMap
-
-    __repr__ = brief
-
-    @property
-    def parts(self) -> tuple[RowMap, ...]:
-        """The factors in the order of application."""
-        return self.gather, self.scatter
 
 
 @dataclass(frozen=True)
@@ -103,19 +77,19 @@ class RefinementMaps:
     """
 
     dual: RowMap
-    far_dual: FarMaps | None
+    far_dual: MapChain | None
     direct: RowMap
     step_size: NDArray[np.float32]
     prior: Prior
     weights: NDArray[np.float32]
     seen: NDArray[np.float32]
     lit: NDArray[np.float32]
-    blurred_dual: BlurredMaps | None = None
+    blurred_dual: MapChain | None = None
 
     __repr__ = brief
 
     @property
-    def beside(self) -> list[FarMaps | BlurredMaps]:
+    def chains(self) -> list[MapChain]:
         """The chains of TᵀW in addition to `dual`."""
         return [chain for chain in (self.blurred_dual, self.far_dual) if chain is not None]
 
@@ -134,15 +108,15 @@ class RoomMaps:
 
     correction: RowMap
     transport: RowMap
-    far: FarMaps | None
-    undo: FarMaps | None
+    far: MapChain | None
+    undo: MapChain | None
     white: float
     details: dict[str, Any] = field(default_factory=dict)
     refinement: RefinementMaps | None = None
     mixing: Mixing = field(default_factory=Mixing)
     bounded: bool = True
     words: RoomWords | None = None
-    blurred: BlurredMaps | None = None
+    blurred: MapChain | None = None
 
     def __repr__(self) -> str:
         mib = sum(packed.nbytes for packed in self.named().values()) / 2**20
@@ -151,14 +125,14 @@ class RoomMaps:
         return f"<RoomMaps: camera {camera}, projector {projector}, white {self.white:.4g}, {mib:.1f} MiB{refined}>"
 
     @property
-    def beside(self) -> list[FarMaps | BlurredMaps]:
+    def chains(self) -> list[MapChain]:
         """The chains of T in addition to `transport`."""
         return [chain for chain in (self.blurred, self.far) if chain is not None]
 
     @property
     def correction_in_steps(self) -> float:
         """Cost of T⁺ b in steps of refinement (T p and Tᵀ r), by number of entries; 0 without refinement."""
-        undo = sum(part.count for part in self.undo.parts) if self.undo else 0
+        undo = sum(part.count for part in self.undo.factors) if self.undo else 0
         return (self.correction.count + undo) / self._entries_of_a_step
 
     @property
@@ -171,28 +145,19 @@ class RoomMaps:
         """Entries of T and Tᵀ; infinite without refinement."""
         if self.refinement is None:
             return float("inf")
-        parts = [part for chain in (*self.beside, *self.refinement.beside) for part in chain.parts]
+        parts = [part for chain in (*self.chains, *self.refinement.chains) for part in chain.factors]
         step = self.transport.count + self.refinement.dual.count + sum(part.count for part in parts)
         return float(max(step, 1))
 
     def named(self) -> dict[str, RowMap]:
         """Return every distinct map by its folder, relative to correction/."""
-        maps = {".": self.correction, "transport": self.transport}
-        if self.far is not None:
-            maps |= {"far_gather": self.far.gather, "far_mix": self.far.mix, "far_scatter": self.far.scatter}
-        if self.undo is not None:
-            maps |= {"undo_gather": self.undo.gather, "undo_mix": self.undo.mix}  # U is shared: far_scatter
-        if self.refinement is not None:
-            maps |= {"dual": self.refinement.dual, "direct": self.refinement.direct}
-            far = self.refinement.far_dual
-            if far is not None:
-                maps |= {"dual_gather": far.gather, "dual_mix": far.mix, "dual_scatter": far.scatter}
-        if self.blurred is not None:
-            maps |= {"blurred_gather": self.blurred.gather, "blurred_scatter": self.blurred.scatter}
-        if self.refinement is not None and self.refinement.blurred_dual is not None:
-            dual = self.refinement.blurred_dual
-            maps |= {"blurred_dual_gather": dual.gather, "blurred_dual_scatter": dual.scatter}
-        return maps
+        maps, further = {".": self.correction, "transport": self.transport}, self.refinement
+        maps |= _named("far", self.far)
+        maps = maps | _named("undo", self.undo) | maps  # U is the far light's
+        if further is not None:
+            maps |= {"dual": further.dual, "direct": further.direct, **_named("dual", further.far_dual)}
+        maps |= _named("blurred", self.blurred)
+        return maps if further is None else maps | _named("blurred_dual", further.blurred_dual)
 
     def in_words(self, white: float) -> dict[int, WordMap]:
         """Return the maps of T and Tᵀ in words, by the id of the row map that each replaces; empty if the bound fails.
@@ -282,13 +247,8 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
     files = DescribedFiles(folder, manifest.table("files").values, fix)
     sizes = _sizes(manifest, stored, refinement=refinement)
     maps = _each(sizes, lambda name, size: row_map.read(folder / name, size, files.opened))
-    far = undo = further = None
-    if "far_mix" in maps:
-        far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])
-        undo = FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter) if "undo_mix" in maps else None
-    blurred = _blurred(maps, "blurred")
+    further = None
     if "dual" in maps:
-        dual = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"]) if far else None
         projector, camera = stored.calibration.projector.shape, stored.calibration.camera.shape
         weights = _read_positive(files, WEIGHTS, camera, "the camera")[..., 0]
         lit = _read_positive(files, LIT, camera, "the camera")[..., 0] if LIT in files else weights > 0
@@ -299,20 +259,25 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
             _read_positive(files, SEEN, projector, "the projector")[..., 0],
             np.where((lit > 0) & (weights > 0), np.float32(1), np.float32(0)),
         )
-        further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures, _blurred(maps, "blurred_dual"))
+        dual, blurred = (_chain(maps, name) for name in ("dual", "blurred_dual"))
+        further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures, blurred)
     mixing = mixings.read(manifest, files, stored.calibration.camera.shape)
     details = {key: value for key, value in values.items() if key not in ("colour", "maps", WORDS, "files")}
     bounded = manifest.truth("bounded", True)
+    far, undo, blurred = (_chain(maps, name) for name in ("far", "undo", "blurred"))
     found = RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing, bounded, blurred=blurred)
     if not words or further is None or WORDS not in manifest:
         return found
     return replace(found, words=_read_words(manifest, found, files))
 
 
-def _blurred(maps: Mapping[str, RowMap], name: str) -> BlurredMaps | None:
-    if f"{name}_gather" not in maps:
-        return None
-    return BlurredMaps(maps[f"{name}_gather"], maps[f"{name}_scatter"])
+def _named(name: str, chain: MapChain | None) -> dict[str, RowMap]:
+    return {} if chain is None else dict(zip(filter(None, CHAINS[name]), chain.factors, strict=True))
+
+
+def _chain(maps: Mapping[str, RowMap], name: str) -> MapChain | None:
+    gather, mix, scatter = CHAINS[name]
+    return Chain(maps[gather], None if mix is None else maps[mix], maps[scatter]) if gather in maps else None
 
 
 def _read_words(manifest: Table, maps: RoomMaps, files: DescribedFiles) -> RoomWords:
@@ -350,24 +315,17 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
     listed = manifest.table("maps")
     camera, projector = stored.calibration.camera.shape, stored.calibration.projector.shape
     ends = {".": (camera, projector), "transport": (projector, camera)}
-    dual = refinement and "dual" in listed
-    if "far_mix" in listed:
-        cells, parts, _ = row_map.shapes(listed.table("far_mix"))
-        ends |= {"far_gather": (projector, parts), "far_mix": (parts, cells), "far_scatter": (cells, camera)}
-        if "undo_gather" in listed or "undo_mix" in listed:
-            _, parts, _ = row_map.shapes(listed.table("undo_mix"))
-            ends |= {"undo_gather": (camera, parts), "undo_mix": (parts, cells)}
-        if dual:
-            _, parts, _ = row_map.shapes(listed.table("dual_mix"))
-            ends |= {"dual_gather": (camera, parts), "dual_mix": (parts, cells), "dual_scatter": (cells, projector)}
-    if "blurred_gather" in listed:
-        cells = row_map.shapes(listed.table("blurred_gather"))[0]
-        ends |= {"blurred_gather": (projector, cells), "blurred_scatter": (cells, camera)}
-        if dual:
-            cells = row_map.shapes(listed.table("blurred_dual_gather"))[0]
-            ends |= {"blurred_dual_gather": (camera, cells), "blurred_dual_scatter": (cells, projector)}
-    if dual:
+    chains = {"far": (projector, camera), "undo": (camera, camera), "blurred": (projector, camera)}
+    chains = {name: ends for name, ends in chains.items() if any(part in listed for part in CHAINS[name][:2] if part)}
+    if refinement and "dual" in listed:
         ends |= {"dual": (camera, projector), "direct": (camera, projector)}
+        pairs = {"far": "dual", "blurred": "blurred_dual"}
+        chains |= {dual: (camera, projector) for name, dual in pairs.items() if name in chains}
+    for name, (source, output) in chains.items():
+        gather, mix, scatter = CHAINS[name]
+        cells, _ = ends.setdefault(scatter, (row_map.shapes(listed.table(mix or gather))[0], output))
+        parts = row_map.shapes(listed.table(mix))[1] if mix else cells
+        ends |= {gather: (source, parts), **({mix: (parts, cells)} if mix else {})}
     sizes = {name: listed.table(name) for name in ends}
     for name, table in sizes.items():
         output, source, _ = row_map.shapes(table)

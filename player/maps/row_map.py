@@ -144,7 +144,7 @@ def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:
     return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, bands[0].columns)
 
 
-def beside_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
+def next_to_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
     """Join the columns of two matrices: each row has its entries of `left`, then of `right`."""
     indptr, pair = left.indptr + right.indptr, (left, right)
     before = right.indptr[:-1], left.indptr[1:]
@@ -235,7 +235,7 @@ def pack(
 
 def unpack(packed: RowMap) -> SparseRows:
     """Return the matrix that `pack` received, without zero entries."""
-    from counterlight.maps.unpacking import unpack_entries  # imports Numba, which takes half a second
+    from counterlight.maps.products import unpack_entries  # imports Numba, which takes half a second
 
     indptr, (height, width) = _indptr(packed), packed.source_shape
     rows = SparseRows(indptr, np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32), height * width)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.files.exr_header import MOST_PIXELS
 
-MOST_TEXELS = MOST_PIXELS  # 16 GiB; OpenGL stores a tall texture in tiles (gl/row_map_pass.py)
+MOST_TEXELS = MOST_PIXELS  # 16 GiB; OpenGL stores a tall texture in tiles (gl/gpu_maps.py)
 SHORTEN = "shorten the rows with --max-cluster, or a larger --max-error or --regularize"
 GOOD_FILL = 0.99
 

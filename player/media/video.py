@@ -14,9 +14,8 @@ from counterlight.errors import InputError
 from counterlight.media.decoding.child import all_ended
 from counterlight.media.decoding.decoder_link import DecoderLink
 from counterlight.media.decoding.devices import PROCESSOR
-from counterlight.media.decoding.live import STEADY_S
 from counterlight.media.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json
-from counterlight.media.medium import Medium
+from counterlight.media.medium import STEADY_S, Medium
 
 __all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
 
@@ -84,7 +83,7 @@ class MediaReader:
         hwdec: str = PROCESSOR,
         opening_s: float | None = None,
     ) -> Self:
-        """Begin to open a file, a sequence (`frames/%05d.png`) or a live source (decoding/live.py), without waiting.
+        """Begin to open a file, a sequence (`frames/%05d.png`) or a live source (medium.py), without waiting.
 
         Until `ready` returns True, only `ready` and `close` may be called.
         Raises InputError for names that are not allowed, and if no process can be started.

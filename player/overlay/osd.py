@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,3 +217,12 @@ def _draw_bars(brush: ImageDraw.ImageDraw, histogram: Histogram, scale: float, t
         above = ground - scale * BARS_HEIGHT * count / most - 2
         write(brush, (middle, above), str(count), 0.75 * scale, 255, anchor="mb")
         write(brush, (middle, ground + 4), plain(label), 0.75 * scale, 255, anchor="mt")
+
+
+@dataclass(frozen=True)
+class Pointer:
+    """A mouse event at (x, y), in shares of the shown picture from its upper left. It may lie outside the picture."""
+
+    action: Literal["press", "move", "release"]
+    x: float
+    y: float

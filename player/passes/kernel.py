@@ -53,7 +53,7 @@ class Compiled:
 
 def unpacking() -> tuple[Any, tuple[str, ...]]:
     """Return the kernel that unpacks maps, with its signature."""
-    from counterlight.maps.unpacking import unpack_entries
+    from counterlight.maps.products import unpack_entries
 
     return unpack_entries, (UNPACKING,)
 

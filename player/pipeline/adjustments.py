@@ -20,17 +20,37 @@ from counterlight.errors import InputError
 from counterlight.files.cube import Cube
 from counterlight.media.frames import PixelFormat
 from counterlight.passes.colour import LUMA_WEIGHTS, Decoding
-from counterlight.pipeline.parameters import CONTROL, PARAMETERS
 from counterlight.pipeline.placement import Corners, check_corners
-from counterlight.pipeline.value_types import UnreadError
-from counterlight.viewpoints import Viewpoint
+from counterlight.pipeline.test_cards import CARDS
+from counterlight.pipeline.value_types import FLAG, Choice, Kind, Number, Places, UnreadError
+from counterlight.viewpoints import FARTHEST, MOST_VIEWS, Viewpoint
 
 LARGEST_GAMMA = 8.0
+CONTROL = Number(-100, 100, whole=True)
+NITS = Number(50, 10_000, noun="cd/m²")
+
+
+KINDS: dict[str, Kind] = {
+    "brightness": CONTROL,
+    "contrast": CONTROL,
+    "gamma": CONTROL,
+    "saturation": CONTROL,
+    "black_level": Number(0, 0.5),
+    "adapt": Number(0, 100),
+    "flicker": Number(0, 0.95),
+    "clipping": FLAG,
+    "target_peak": NITS,
+    "hdr_peak": replace(NITS, words=("auto",)),
+    "tone_mapping": Choice(("bt.2390", "clip")),
+    "lut_type": Choice(("native", "conversion")),
+    "viewpoint": Places("all", FARTHEST, MOST_VIEWS),
+    "card": Choice(("no", *CARDS)),
+}
 
 
 @dataclass(frozen=True)
 class Adjustments:
-    """Settings that can change during playback; the defaults change nothing. See PARAMETERS.
+    """Settings that can change during playback; the defaults change nothing. show/options.py explains them.
 
     adapt : see player/pipeline/content.py.
     flicker : weight of the previous frame's drive.
@@ -43,28 +63,30 @@ class Adjustments:
     Raises InputError for a value out of its range.
     """
 
-    brightness: int = PARAMETERS["brightness"].default
-    contrast: int = PARAMETERS["contrast"].default
-    gamma: int = PARAMETERS["gamma"].default
-    saturation: int = PARAMETERS["saturation"].default
-    black_level: float = PARAMETERS["black-level"].default
-    adapt: float = PARAMETERS["adapt"].default
-    flicker: float = PARAMETERS["flicker"].default
-    clipping: bool = PARAMETERS["clipping"].default
-    target_peak: float = PARAMETERS["target-peak"].default
-    hdr_peak: float | str = PARAMETERS["hdr-peak"].default
-    tone_mapping: str = PARAMETERS["tone-mapping"].default
-    lut_type: str = PARAMETERS["lut-type"].default
-    viewpoint: Viewpoint = PARAMETERS["viewpoint"].default
+    brightness: int = 0
+    contrast: int = 0
+    gamma: int = 0
+    saturation: int = 0
+    black_level: float = 0.0
+    adapt: float = 0.0
+    flicker: float = 0.0
+    clipping: bool = False
+    target_peak: float = 203.0
+    hdr_peak: float | str = "auto"
+    tone_mapping: str = "bt.2390"
+    lut_type: str = "native"
+    viewpoint: Viewpoint = "all"
     lut: Cube | None = None
     card: str | None = None
     corners: Corners | None = None
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name not in ("card", "corners", "lut"):
-                _check(name.replace("_", "-"), value)
-        _check("test-card", self.card or "no")
+        for name, kind in KINDS.items():
+            value = getattr(self, name)
+            try:
+                kind.read("no" if name == "card" and value is None else value)
+            except UnreadError as error:
+                raise InputError(f"{'test-card' if name == 'card' else name.replace('_', '-')}: {error}") from None
         if self.corners is not None:
             check_corners(self.corners)
 
@@ -85,13 +107,6 @@ def adjusted_transfer(table: NDArray[np.float32], adjustments: Adjustments) -> N
     codes = np.linspace(0, 1, table.size)
     exponent = float(LARGEST_GAMMA ** (-adjustments.gamma / CONTROL.high))
     return np.asarray(np.interp(codes**exponent, codes, table), np.float32)
-
-
-def _check(name: str, value: object) -> None:
-    try:
-        PARAMETERS[name].kind.read(value)
-    except UnreadError as error:
-        raise InputError(f"{name}: {error}") from None
 
 
 NEUTRAL = Adjustments()

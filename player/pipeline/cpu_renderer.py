@@ -4,7 +4,7 @@ Pictures are arrays (height, width, channels), contiguous float32.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +50,8 @@ class CpuDevice(Held):
     def canvas(self, shape: tuple[int, int], channels: int = CHANNELS) -> "CpuCanvas":
         return CpuCanvas(shape, channels)
 
-    def store(self, room: Room, path: str) -> "_Maps":
-        return _Maps(room, path)
+    def store(self, room: Room) -> "_Maps":
+        return _Maps(room)
 
     def planes(self, pixels: PixelFormat) -> "_Planes":
         return _Planes(pixels)
@@ -77,7 +77,7 @@ class CpuDevice(Held):
 
 class CpuRenderer(Renderer[Array]):
     def __init__(self, room: Room) -> None:
-        super().__init__(CpuDevice(), room, "cpu")
+        super().__init__(CpuDevice(), room)
 
 
 class CpuCanvas(Held):
@@ -95,8 +95,8 @@ class CpuCanvas(Held):
 class _Maps(Held):
     weighs = False
 
-    def __init__(self, room: Room, path: str) -> None:
-        self.room, self.report = room, PathReport(path, LONG_BYTES)
+    def __init__(self, room: Room) -> None:
+        self.room, self.report = room, PathReport("cpu", LONG_BYTES)
         self._stored: dict[int, _Map] = {}
 
     def of(self, packed: RowMap) -> "_Map":
@@ -166,11 +166,11 @@ class _Adapter(Held):
 
     def run(self, placed: Array) -> Array:
         u = np.asarray(self._black_level + (1 - self._black_level) * (self._unit * placed), np.float32)
-        found: NDArray[Any] = tone_of(u, self._near_light(u), self._limits, self._white, self._budget)
+        found = tone_of(u, self._near_light(u), self._limits, self._white, self._budget)
         weight = 0.0 if self._succession.fresh else 1 - approach(self._succession.elapsed_s)
         self._now = (1 - weight) * found + weight * self._before
         self._succession.draw()
-        return self._now
+        return cast(Array, self._now)  # float64, for Tone alone
 
 
 class _Encoder(Held):

@@ -11,7 +11,8 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.room_maps import BlurredMaps, FarMaps
+from counterlight.errors import InputError, nearest
+from counterlight.maps.room_maps import MapChain
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
 from counterlight.passes.drawing import CHANNELS, Canvas, Picture
@@ -22,7 +23,7 @@ from counterlight.pipeline.room import Room
 from counterlight.response import RasterResponse
 
 BACKENDS = ("auto", "gl", "cpu")
-PATHS = ("auto", "fragment", "compute", "words", "compute-words")
+SHADERS, ENTRIES = ("auto", "fragment", "compute"), ("auto", "16", "words")
 LONG_BYTES = 16  # an entry: three weights of 32 bits and an index
 NearLight: TypeAlias = Callable[[Picture], Picture]  # b -> b without the far light of the compensated picture
 T = TypeVar("T")
@@ -31,10 +32,33 @@ Taken = TypeVar("Taken", contravariant=True)  # `Picture` where a protocol only 
 
 
 @dataclass(frozen=True)
+class GpuPath:
+    """The way in which a GPU multiplies with a room's maps.
+
+    shader : of SHADERS: shaders/*.frag, available everywhere, or shaders/*.comp, which need OpenGL 4.3.
+    entries : of ENTRIES: 16 bytes each, or T and Tᵀ in words of 4 bytes. In both, "auto" takes what is fastest.
+    """
+
+    shader: str = "fragment"
+    entries: str = "16"
+
+    def __post_init__(self) -> None:
+        for name, value, known in (("shader", self.shader, SHADERS), ("entries", self.entries, ENTRIES)):
+            if value not in known:
+                raise InputError(f"{name} {value!r}: expected one of {', '.join(known)}{nearest(str(value), known)}")
+
+    def __str__(self) -> str:
+        return self.shader if self.entries == "16" else f"{self.shader}-{self.entries}"
+
+
+EVERYWHERE = GpuPath()
+
+
+@dataclass(frozen=True)
 class PathReport:
     """A renderer's way of multiplying with the room's maps.
 
-    name : one of PATHS except "auto", or or "cpu".
+    name : str() of a GpuPath without "auto", or "cpu".
     entry_bytes : bytes per entry of the correction map.
     light_bytes : mean bytes per entry of T if T and Tᵀ are packed in words; None otherwise.
     measured : milliseconds of a frame's products on each path, measured at startup; empty without a measurement.
@@ -123,9 +147,9 @@ class StoredMaps(Protocol[Picture]):
 class ChainPass(Generic[Picture]):
     """A chain of far or blurred light: target = base ± scatter · (mix ·) gather · source."""
 
-    def __init__(self, stored: StoredMaps[Picture], maps: FarMaps | BlurredMaps, combining: Combining) -> None:
-        *first, last = maps.parts
-        self._first = [stored.of(part).product() for part in first]
+    def __init__(self, stored: StoredMaps[Picture], chain: MapChain, combining: Combining) -> None:
+        *first, last = chain.factors
+        self._first = [stored.of(factor).product() for factor in first]
         self._last = stored.of(last).product(combining)
 
     def run(self, source: Picture, base: Picture) -> Picture:
@@ -210,7 +234,7 @@ class Device(Protocol[Picture]):
     def canvas(self, shape: tuple[int, int], channels: int = CHANNELS) -> Canvas[Picture]:
         """Return a black picture that passes are drawn into."""
 
-    def store(self, room: Room, path: str) -> StoredMaps[Picture]: ...
+    def store(self, room: Room) -> StoredMaps[Picture]: ...
 
     def planes(self, pixels: PixelFormat) -> Planes[Picture]: ...
 

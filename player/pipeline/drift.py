@@ -20,8 +20,7 @@ from counterlight.arrays import FloatArray
 from counterlight.calibration import Device, StoredCalibration, read_light
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.generation import read_steadily
-from counterlight.files.manifest import describe_files, write_toml
+from counterlight.files.manifest import describe_files, read_steadily, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
 from counterlight.passes.moved import FADE, TAPS, WHOLE, MovedDrive

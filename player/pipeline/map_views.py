@@ -40,8 +40,8 @@ class Observer(Generic[Picture]):
         maps, self._owner = stored.room.maps, Owner()
         own = self._owner.own
         self._near = own(stored.of(maps.transport).product("ADD_TO_BASE"))
-        chains = [chain for chain in maps.beside if far or chain is not maps.far]
-        self._beside = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in chains]
+        chains = [chain for chain in maps.chains if far or chain is not maps.far]
+        self._chains = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in chains]
         self._ambient, self._mixer = ambient, mixer
         self._seen = own(mixer.canvas()) if mixer.mixes else None
 
@@ -57,7 +57,7 @@ class Observer(Generic[Picture]):
 
     def _light(self, drive: Picture, base: Picture) -> Picture:
         light = self._near.run(drive, base)
-        for chain in self._beside:
+        for chain in self._chains:
             light = chain.run(drive, light)
         return light
 

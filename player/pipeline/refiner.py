@@ -102,7 +102,7 @@ class _Slope(Generic[Picture]):
         own = self._owner.own
         self._residual = own(_Residual(stored, "WEIGHED_RESIDUAL" if stored.weighs else SUBTRACT))
         self._dual = own(stored.of(maps.dual).product())
-        self._beside = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in maps.beside]
+        self._chains = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in maps.chains]
 
     def run(self, y: Picture, b: Picture) -> tuple[Picture, Picture]:
         """Return the residual (weighted if the maps weigh) and the slope."""
@@ -116,7 +116,7 @@ class _Slope(Generic[Picture]):
     def gathered(self, residual: Picture) -> Picture:
         """Return TᵀW of a residual from `source`."""
         descent = self._dual.run(residual)
-        for chain in self._beside:
+        for chain in self._chains:
             descent = chain.run(residual, descent)
         return descent
 
@@ -137,15 +137,14 @@ class _Residual(Generic[Picture]):
 
     def __init__(self, stored: StoredMaps[Picture], last: Combining) -> None:
         self._owner, maps = Owner(), stored.room.maps
-        own, combined = self._owner.own, [*[SUBTRACT for _ in maps.beside], last]
+        own, combined = self._owner.own, [*[SUBTRACT for _ in maps.chains], last]
         self._near = own(stored.of(maps.transport).product(combined[0]))
-        self._beside = [
-            own(ChainPass(stored, chain, how)) for chain, how in zip(maps.beside, combined[1:], strict=True)
-        ]
+        pairs = zip(maps.chains, combined[1:], strict=True)
+        self._chains = [own(ChainPass(stored, chain, how)) for chain, how in pairs]
 
     def run(self, y: Picture, b: Picture) -> Picture:
         residual = self._near.run(y, b)
-        for chain in self._beside:
+        for chain in self._chains:
             residual = chain.run(y, residual)
         return residual
 
@@ -174,11 +173,11 @@ class _Certifier(Generic[Picture]):
         gap = self._of_projector.run(self._gap.draw(Gap(descent, p)))
         squared = self._squared.draw(Weighted(slope.residual(p, goal.unbounded), self._lit, squared=True))
         error = np.asarray(self._of_camera.run(squared), np.float64)
-        beside, usual = (
+        outside, usual = (
             float(np.sum(self._of_projector.run(self._weighted.draw(Weighted(drive, self._unseen)))))
             for drive in (p, goal.plain)
         )
-        return Certificate(error, gap, beside / usual if usual > 0 else None), descent
+        return Certificate(error, gap, outside / usual if usual > 0 else None), descent
 
     def release(self) -> None:
         self._owner.release()

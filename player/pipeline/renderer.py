@@ -41,13 +41,13 @@ from counterlight.viewpoints import Viewpoint
 class Renderer(Generic[Picture]):
     """Renders frames: `open`, then `upload` and `render` any number of times, then read results; `release` at the end.
 
-    path : one of counterlight.pipeline.device.PATHS. After construction, `path` is the report of the chosen path.
+    path : the report of the way in which it multiplies with the maps.
 
     No part refers back to the renderer. A reload therefore frees the replaced room at once, without waiting for garbage
     collection.
     """
 
-    def __init__(self, device: Device[Picture], room: Room, path: str) -> None:
+    def __init__(self, device: Device[Picture], room: Room) -> None:
         self._device, self._room = device, room
         self._owner = Owner()
         self._owner.own(device)
@@ -59,16 +59,16 @@ class Renderer(Generic[Picture]):
         self._damper: Damper[Picture] | None = None
         self._times = StageTimes(device.finish)
         try:
-            self._build(path)
+            self._build()
         except BaseException:
             self._owner.release()
             raise
 
-    def _build(self, path: str) -> None:
+    def _build(self) -> None:
         device, room, own = self._device, self._room, self._owner.own
         calibration = room.calibration
         camera, projector = calibration.camera.shape, calibration.projector.shape
-        self._room_views = [own(RoomView(device, each, path)) for each in room.views]
+        self._room_views = [own(RoomView(device, each)) for each in room.views]
         self.path = self._room_views[0].stored.report
         self._blend = own(ViewBlend(device, self._room_views, projector))
         self._blend.start_from(room.start)

@@ -12,7 +12,7 @@ from counterlight import calibration as calibrations
 from counterlight.arrays import brief
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError, nearest
-from counterlight.files.generation import read_steadily
+from counterlight.files.manifest import read_steadily
 from counterlight.maps import room_maps as maps
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps
@@ -117,42 +117,34 @@ def read_room(
     folder: Path,
     white: float | None,
     dither: str = "ordered",
-    refine: int | str | None = None,
     start: str | None = None,
     *,
+    refinement: bool = True,
     words: bool = False,
 ) -> Room:
     """Read a calibration with its correction map.
 
     white : radiance of white; None takes the level that most of the room can reach.
-    refine : steps of refinement; None for the default if the room has the maps for it.
     start : one of STARTS; None for the start that suits the room's maps.
+    refinement : whether to read the maps of refinement as well, if the room has them.
     words : whether to read the maps packed in words as well, if the room has them.
 
     A set of views is read as a whole, with one white and one start. No view keeps dark what another view sees.
     """
     if is_set(folder):
-        return _read_set(folder, white, dither, refine, start, words=words)
-    if refine == 0 and start is not None:
-        raise InputError(
-            f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
-        )
+        return _read_set(folder, white, dither, start, refinement=refinement, words=words)
     calibration, room_maps, drift = read_steadily(
-        folder / calibrations.TOML, lambda: _read(folder, refinement=refine != 0, words=words)
+        folder / calibrations.TOML, lambda: _read(folder, refinement=refinement, words=words)
     )
-    if (refine or start) and room_maps.refinement is None:
-        raise InputError(
-            f"{folder}: its maps were built without what refinement needs; rebuild them with: "
-            f"counterlight build {folder}, or leave out --refine, --refine-from, --budget and --within"
-        )
     reachable = room_maps.white * (1.0 if drift is None else drift.dimming)
     level = reachable if white is None else white
     return Room(calibration, room_maps, level, dither, start or start_of(room_maps, folder), drift)
 
 
-def _read_set(folder: Path, white: float | None, *told: Any, words: bool) -> Room:
+def _read_set(folder: Path, white: float | None, *told: Any, refinement: bool, words: bool) -> Room:
     places = read_places(folder, calibrations.TOML)
-    rooms = [read_room(view, white, *told, words=words) for view in folders_of(folder, len(places.at))]
+    views = folders_of(folder, len(places.at))
+    rooms = [read_room(view, white, *told, refinement=refinement, words=words) for view in views]
     check_views([each.calibration for each in rooms], f"{folder}")
     level = min(each.white for each in rooms)
     if all(each.maps.refinement is not None for each in rooms):

@@ -25,19 +25,19 @@ class RoomView(Generic[Picture]):
     views : draws the maps that can be shown.
     """
 
-    def __init__(self, device: Device[Picture], room: Room, path: str) -> None:
+    def __init__(self, device: Device[Picture], room: Room) -> None:
         self.room, self._owner = room, Owner()
         self._guesses: dict[tuple[str, bool], Guess[Picture]] = {}
         try:
-            self._build(device, path)
+            self._build(device)
         except BaseException:
             self.release()
             raise
 
-    def _build(self, device: Device[Picture], path: str) -> None:
+    def _build(self, device: Device[Picture]) -> None:
         own, maps = self._owner.own, self.room.maps
         ambient = own(device.picture(self.room.ambient))
-        self.stored = own(device.store(self.room, path))
+        self.stored = own(device.store(self.room))
         undo = None if maps.undo is None else own(ChainPass(self.stored, maps.undo, "SUBTRACT_FROM_BASE"))
         self.near_light = NearLight(undo)
         self.refiner: Refiner[Picture] | None = None

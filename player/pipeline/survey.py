@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from counterlight.maps.prior import pull
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.passes.certificate import block_sum
-from counterlight.pipeline.operators import chained
+from counterlight.pipeline.operators import prepared
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.pipeline.squares import (
     MOST_STEPS,
@@ -69,7 +69,7 @@ class Survey:
 
     def __init__(self, maps: RoomMaps, white: float) -> None:
         assert maps.refinement is not None
-        self._maps, self._far = maps.refinement, chained(maps.far)
+        self._maps, self._far = maps.refinement, prepared(maps.far)
         self._floor = FAINTEST * white**2 * 3 * float(self._maps.lit.sum(dtype=np.float64))
         entries = block_sum(self._maps.dual.lookup[..., 2].astype(np.int64), SIDE)
         self._shape, self._entries = entries.shape, int(entries.sum() * (1 + 2 * HALO / SIDE) ** 2)

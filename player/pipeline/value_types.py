@@ -1,6 +1,7 @@
 """The kinds of values that options, settings and properties take: flags, numbers, choices; from text or from JSON."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -185,15 +186,20 @@ def _place(value: object) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Anything:
-    """Any value; the parameter's own setter checks it. `words` describes the values."""
+    """Any value; the parameter's own setter checks it.
+
+    words : describes the values.
+    parse : converts text of the command line.
+    """
 
     words: str = ""
+    parse: Callable[[Any], Any] = lambda value: value
 
     def __str__(self) -> str:
         return self.words
 
     def read(self, value: object) -> Any:
-        return value
+        return self.parse(value)
 
     def next(self, value: Any, direction: int) -> Any:
         raise UnreadError("has no next value")
@@ -202,4 +208,4 @@ class Anything:
         return {"type": "any"}
 
 
-ANYTHING = Anything()
+FLAG, ANYTHING = Flag(), Anything()

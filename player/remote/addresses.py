@@ -1,4 +1,4 @@
-"""HOST:PORT: parsing, the sockets for it, and the check of requests against foreign pages.
+"""Who may connect: parses HOST:PORT, opens sockets, refuses foreign pages, and keeps the browser's token.
 
 A foreign page in a browser can reach every address that the browser's machine can reach: by a form, a WebSocket, or a
 name that its owner redirects after loading (DNS rebinding). Therefore a request must name this machine by an IP address
@@ -8,12 +8,18 @@ or another name of it, and a WebSocket must come from this page.
 import argparse
 import ipaddress
 import os
+import re
+import secrets
 import socket
+import stat
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 from counterlight.errors import InputError
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK, PAGE_PORT = "127.0.0.1", 8642  # the usual address of the page
 BACKLOG = 64
 _DOCUMENTATION = "192.0.2.1", 9  # an unused address; nothing is sent, only the route is looked up
 
@@ -123,3 +129,57 @@ def _own_address() -> str | None:
 
 def _could_be_host(host: str) -> bool:
     return all(character.isalnum() or character in ".-:%_" for character in host)
+
+
+BYTES = 16  # random bytes, too many to guess
+LONGEST = 1000  # bytes read from the file
+_WORD = re.compile(r"[\w-]{20,200}", re.ASCII)
+
+
+def default_path(environment: Mapping[str, str], home: Path) -> Path:
+    """Return the path of the token by the XDG Base Directory Specification."""
+    return Path(environment.get("XDG_STATE_HOME") or home / ".local" / "state") / "counterlight" / "remote-token"
+
+
+def token_at(path: Path) -> str:
+    """Return the token stored at `path`. Creates it if there is none.
+
+    Raises InputError if another user could have read or written the file.
+    """
+    try:
+        try:
+            return _read(path)
+        except FileNotFoundError:
+            _make(path)
+            return _read(path)
+    except OSError as error:
+        raise InputError(
+            f"{path}: the remote's token cannot be kept here ({error.strerror}); set XDG_STATE_HOME to your own folder"
+        ) from None
+
+
+def _make(path: Path) -> None:
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    unborn = path.with_name(f".{path.name}.{os.getpid():x}")
+    descriptor = os.open(unborn, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    try:
+        with os.fdopen(descriptor, "w") as file:
+            file.write(secrets.token_urlsafe(BYTES))
+        with suppress(FileExistsError):  # another player has just created it
+            os.link(unborn, path)  # unlike a rename, a link never replaces another file
+    finally:
+        unborn.unlink()
+
+
+def _read(path: Path) -> str:
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o077:
+            raise InputError(f"{path}: not a file that only this user can read; remove it, and a new token is made")
+        word = os.read(descriptor, LONGEST).decode(errors="replace").strip()
+    finally:
+        os.close(descriptor)
+    if not _WORD.fullmatch(word):
+        raise InputError(f"{path}: holds no token; remove it, and a new one is made")
+    return word

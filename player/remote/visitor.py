@@ -1,4 +1,4 @@
-"""One browser: answers its requests in order, and sends it the latest property values.
+"""One browser: answers its requests in order, and sends it the latest property values and small pictures.
 
     in    {"command": ["set_property", "pause", true], "request_id": 7}       as at the control socket
     out   {"request_id": 7, "error": "success", "data": null}
@@ -17,8 +17,31 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from counterlight.remote.link import Answer, Link
-from counterlight.remote.pictures import Pictures
 from counterlight.unattended.json_lines import encode
+
+PICTURE_INTERVAL_S = 0.2
+
+
+class Pictures:
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._kept: dict[str, Answer] = {}
+        self._asked_at: dict[str, float] = {}
+        self._lock = asyncio.Lock()
+
+    async def take(self, name: str, serial: object) -> Answer:
+        """Return the answer to `preview NAME SERIAL`. Asks the show for a picture at most five times per second."""
+        async with self._lock:
+            if time.monotonic() - self._asked_at.get(name, -PICTURE_INTERVAL_S) >= INTERVAL_S:
+                answer = await self._link.ask("preview", name, self._kept.get(name, {}).get("serial", -1))
+                if answer["error"] != "success":
+                    return answer
+                self._asked_at[name] = time.monotonic()
+                if answer["data"] is not None:
+                    self._kept[name] = answer["data"]
+        kept = self._kept.get(name)
+        return {"error": "success", "data": None if kept is None or kept["serial"] == serial else kept}
+
 
 INTERVAL_S = 0.1  # seconds between two messages about changes
 PATIENCE_S = 15.0  # for a browser that does not read

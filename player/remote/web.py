@@ -18,8 +18,7 @@ from websockets.typing import Subprotocol
 from counterlight.command import tell
 from counterlight.remote.addresses import comes_from, is_loopback, names_this_machine
 from counterlight.remote.link import Answer, Link
-from counterlight.remote.pictures import Pictures
-from counterlight.remote.visitor import PATIENCE_S, Visitor
+from counterlight.remote.visitor import PATIENCE_S, Pictures, Visitor
 
 PROTOCOL = Subprotocol("counterlight")
 MOST_VISITORS = 32

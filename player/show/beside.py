@@ -11,7 +11,7 @@ from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.schedule_file import read_schedule
 from counterlight.show.session import Session
 from counterlight.unattended.cues import Beacon, Listener
-from counterlight.unattended.lamps import Lamps
+from counterlight.unattended.pjlink import Lamps
 from counterlight.unattended.room_checks import RoomChecks
 
 

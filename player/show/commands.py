@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.command import tell
-from counterlight.files.png import write_png
-from counterlight.pipeline.parameters import FLAG
-from counterlight.pipeline.value_types import Choice, Number, UnreadError
+from counterlight.files.picture_files import write_png
+from counterlight.pipeline.value_types import FLAG, Choice, Number, UnreadError
 from counterlight.show.look import read_again
 from counterlight.show.placing import Placing
 from counterlight.show.previews import PREVIEWS, Previews
@@ -18,7 +17,7 @@ from counterlight.show.properties import TIME, playback_of, properties_of
 from counterlight.show.registry import Command, CommandError, Commands
 from counterlight.show.session import Session
 from counterlight.show.stats_page import position
-from counterlight.unattended.lamps import Lamps
+from counterlight.unattended.pjlink import Lamps
 from counterlight.writing.replacing import replacing_file
 
 ANY_NUMBER = Number(-1e9, 1e9)

@@ -2,8 +2,7 @@
 
 from typing import Protocol
 
-from counterlight.overlay.osd import Page
-from counterlight.overlay.pointer import Pointer
+from counterlight.overlay.osd import Page, Pointer
 
 
 class Display(Protocol):

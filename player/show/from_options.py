@@ -8,15 +8,17 @@ from dataclasses import fields
 from counterlight.errors import InputError
 from counterlight.files.cube import read_cube
 from counterlight.pipeline.adjustments import Adjustments
-from counterlight.pipeline.parameters import LISTED_IMAGE_S
+from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.room import Room, read_room
-from counterlight.show.governor import Governor
+from counterlight.show.governor import Governor, Steps
+from counterlight.show.options import LISTED_IMAGE_S
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
     """Return the viewer's settings among the options. Raises InputError for a colour table that cannot be read."""
     values = {field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
-    return Adjustments(**values | {"lut": None if options.lut is None else read_cube(options.lut)})
+    card = None if options.test_card == "no" else options.test_card
+    return Adjustments(**values | {"lut": None if options.lut is None else read_cube(options.lut), "card": card})
 
 
 def monitors_of(options: argparse.Namespace) -> list[str]:
@@ -27,17 +29,52 @@ def monitors_of(options: argparse.Namespace) -> list[str]:
 def room_of(options: argparse.Namespace) -> Room:
     """Read the room from its calibration folder. Raises InputError if the folder or the options are contradictory."""
     white = None if options.white == "auto" else options.white
-    if options.backend == "cpu" and options.path is not None:
-        raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
-    path = options.path or ("auto" if options.output is None else "fragment")
-    words = path in ("auto", "words", "compute-words")
-    limited = options.budget != "no" or options.within != "no"
-    if limited and options.refine not in (None, "auto"):
+    for name in ("shader", "entries"):
+        if options.backend == "cpu" and name in options.given:
+            value = getattr(options, name)
+            raise InputError(f"--{name} {value}: --backend cpu has no GPU to use it; leave one of them out")
+    words = path_of(options).entries != "16"
+    steps, start = steps_of(options), options.refine_from
+    room = read_room(options.calibration, white, options.dither, start, refinement=steps != 0, words=words)
+    if (steps or start) and any(view.maps.refinement is None for view in room.views):
         raise InputError(
-            f"--refine {options.refine}: --budget and --within choose the steps themselves; leave one of them out"
+            f"{options.calibration}: its maps were built without what refinement needs; rebuild them with: "
+            f"counterlight build {options.calibration}, or leave out --refine, --refine-from, --budget and --within"
         )
-    refine = "auto" if limited else options.refine
-    return read_room(options.calibration, white, options.dither, refine, options.refine_from, words=words)
+    return room
+
+
+def path_of(options: argparse.Namespace) -> GpuPath:
+    """Return how a GPU multiplies. By default, a window takes what is fastest, and a file what repeats."""
+    usual = GpuPath("auto", "auto") if options.output is None else EVERYWHERE
+    return GpuPath(options.shader or usual.shader, options.entries or usual.entries)
+
+
+def backend_of(options: argparse.Namespace) -> str:
+    """Return the backend, which is OpenGL if an option asks for its shaders."""
+    chosen: str = options.backend
+    return "gl" if chosen == "auto" and options.given & {"shader", "entries"} else chosen
+
+
+def steps_of(options: argparse.Namespace) -> Steps | None:
+    """Return the steps of a frame, None for those of the room. Raises InputError if options contradict each other."""
+    steps: Steps | None = options.refine
+    if options.budget != "no" or options.within != "no":
+        if steps not in (None, "auto"):
+            raise InputError(
+                f"--refine {steps}: --budget and --within choose the steps themselves; leave one of them out"
+            )
+        return "auto"
+    if steps == "auto" and options.output is not None:
+        raise InputError(
+            "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
+        )
+    if steps == 0 and options.refine_from is not None:
+        start = options.refine_from
+        raise InputError(
+            f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
+        )
+    return steps
 
 
 def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor:

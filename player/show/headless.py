@@ -14,7 +14,7 @@ from counterlight.command import tell, track
 from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
-from counterlight.pipeline.device import BACKENDS, PATHS
+from counterlight.pipeline.device import BACKENDS, EVERYWHERE, GpuPath
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
@@ -34,19 +34,17 @@ ENDLESS = 1 << 62  # stands for an unknown number of frames
 
 
 @contextmanager
-def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Iterator[AnyRenderer]:
+def headless_renderer(backend: str, room: Room, path: GpuPath = EVERYWHERE) -> Iterator[AnyRenderer]:
     """Yield a renderer without a window, and release it at the end.
 
     "auto" chooses OpenGL if a GPU runs it, otherwise the CPU, because software OpenGL is slower (docs/gpu.md). The
     choice is printed. It follows a rule and not a measurement, so that results repeat.
 
     backend : "gl", OpenGL through EGL; "cpu", compiled for the processor; or "auto".
-    path : one of PATHS, for OpenGL.
+    path : for OpenGL.
     """
-    if backend not in BACKENDS or path not in PATHS:
-        raise InputError(
-            f"backend {backend!r}, path {path!r}: expected one of {', '.join(BACKENDS)}; {', '.join(PATHS)}"
-        )
+    if backend not in BACKENDS:
+        raise InputError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")
     with ExitStack() as stack:
         context = None if backend == "cpu" else _opengl(stack, chosen=backend == "gl")
         if context is None:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from datetime import datetime, timedelta
+from datetime import datetime
 from statistics import median
 from typing import Any
 
@@ -16,7 +16,6 @@ PUT_RIGHT_S, SEEK_S = 0.5, 2.0  # shortest time between two shifts, and between 
 OTHER_ITEM_S, AGAIN_S = 0.5, 10.0  # how long another item plays before it is selected, and before the next attempt
 LONGEST_SEEK_S = 5.0
 LATEST_START_S = 5.0  # largest delay that is made up for if the first medium opened late
-HALF_A_DAY = timedelta(hours=12)
 
 
 class Leader:
@@ -167,18 +166,6 @@ class Curtain:
     def _late_s(self) -> float:
         """Seconds since the planned beginning; negative before it."""
         return self._clock() - self._begins_s
-
-
-def begins_at(words: str, now: datetime) -> datetime:
-    """Return the occurrence of `20:00:00` or `20:00` nearest to `now`, up to twelve hours before or after it.
-
-    Raises ValueError if `words` is no time of day.
-    """
-    said = datetime.strptime(words, "%H:%M:%S" if words.count(":") == 2 else "%H:%M")
-    today = now.replace(hour=said.hour, minute=said.minute, second=said.second, microsecond=0)
-    if today - now > HALF_A_DAY:
-        return today - timedelta(days=1)
-    return today + timedelta(days=1) if now - today > HALF_A_DAY else today
 
 
 def _behind(playback: Playback, target_s: float) -> float | None:

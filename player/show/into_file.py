@@ -17,19 +17,15 @@ from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.room import Room
-from counterlight.show.from_options import governor_of
+from counterlight.show.from_options import backend_of, governor_of, path_of, steps_of
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
+from counterlight.show.options import OPTIONS
 from counterlight.show.output import Coding, is_film, is_video
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.stats import Stats
 
 SEGMENTS_A_WORKER = 2  # short segments, so that a slow or failed worker costs less waiting
-WINDOW_ONLY = (
-    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
-    *("screenshot_directory", "speed", "image_display_duration", "playlist_start", "keep_open", "fade"),
-    *("crossfade", "control", "remote", "osc", "heartbeat", "lead", "follow", "at", "schedule"),
-)
 
 
 def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustments: Adjustments) -> Stats:
@@ -59,10 +55,7 @@ def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustmen
 def _check(options: argparse.Namespace) -> None:
     if options.loop and options.frames is None:
         raise InputError("--loop with --output never ends; add --frames N")
-    if options.refine == "auto" and options.budget == options.within == "no":
-        raise InputError(
-            "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
-        )
+    steps_of(options)
     if options.lead_in is not None and options.segments is options.cluster is None:
         raise InputError(f"--lead-in {options.lead_in}: is for segments; add --segments N")
 
@@ -75,7 +68,7 @@ def _check_medium(options: argparse.Namespace, info: MediaInfo) -> None:
 
 
 def _rendered(options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments) -> Stats:
-    backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
+    backend = backend_of(options)
     if (options.segments or options.cluster) and is_film(options.output) and not reader.info.still:
         rendering, backend = _render_segments, chosen_backend(backend)
     else:
@@ -106,7 +99,7 @@ def _render_whole(
     backend: str,
     sound: Path | None,
 ) -> Stats:
-    with headless_renderer(backend, room, options.path or "fragment") as renderer:
+    with headless_renderer(backend, room, path_of(options)) as renderer:
         renderer.open(reader.info.format)
         renderer.adjust(adjustments)
         return render_to_file(
@@ -138,14 +131,16 @@ def _render_segments(
     sound: Path | None,
 ) -> Stats:
     if options.budget != "no" or options.within != "no":
-        raise InputError("--segments: --budget and --within carry steps from frame to frame; give --refine N instead")
+        raise InputError(
+            "--segments: --budget and --within carry steps from frame to frame; give a number of steps instead"
+        )
     if reader.info.live:
         raise InputError(f"{reader.info.path}: a live source has no segments; leave out --segments")
     rendering = Rendering(
         calibration=options.calibration.absolute(),
         white=room.white,
         dither=options.dither,
-        steps=room.default_steps if options.refine is None else options.refine,
+        steps=governor_of(options, room, room.default_steps).steps,
         start=room.start,
         medium=replace(reader.medium, name=os.path.abspath(reader.medium.name)),
         loop=options.loop,
@@ -153,7 +148,7 @@ def _render_segments(
         start_s=options.start,
         frames=options.frames,
         backend=backend,
-        path=options.path or "fragment",
+        path=path_of(options),
         view=options.view,
         compensate=options.compensation,
         adjustments=adjustments,
@@ -193,8 +188,8 @@ def one_medium(options: argparse.Namespace) -> Medium:
 
 def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
     """Return one line for each given option that has no effect when this medium is rendered into a file."""
-    lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
-    unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
+    in_windows = [name for name, row in OPTIONS.items() if row.needs == "window" and name in options.given]
+    unused = [f"--{name}: is for a window, has no effect with --output" for name in in_windows]
     if options.output is not None and not is_film(options.output):
         names = [name for name in ("segments", "cluster") if name in options.given]
         unused += [f"--{name}: {options.output} is a single picture" for name in names]

@@ -4,7 +4,7 @@ A key's name is the character that it types, or "space", "left", "right", "up", 
 "backspace", "pageup", "pagedown", "home", "end". The prefix "ctrl+" may precede any name. The prefix "shift+" may
 precede only the words, because a character already contains shift. The mouse has "double-click" and "wheel-up",
 "-down", "-left", "-right". The default bindings of the mouse need Ctrl, because an accidental touch must not change a
-show. While the picture is being placed, PLACING has priority.
+show. While the picture is being placed, PLACING has priority. options.py binds the keys of options.
 """
 
 import shlex
@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from itertools import groupby
 
 from counterlight.errors import InputError, nearest
+from counterlight.show.options import OPTIONS
 from counterlight.show.registry import PROPERTY_COMMANDS, CommandError, Commands
 
 CTRL, SHIFT = "ctrl+", "shift+"
@@ -19,6 +20,7 @@ NAMES = (
     *("space", "left", "right", "up", "down", "escape", "enter", "tab", "backspace"),
     *("pageup", "pagedown", "home", "end", "double-click", "wheel-up", "wheel-down", "wheel-left", "wheel-right"),
 )
+OF_OPTIONS = [(key, *bound) for row in OPTIONS.values() for key, bound in row.keys.items()]
 KEYS = {
     "space": "cycle pause",
     "p": "cycle pause",
@@ -26,42 +28,20 @@ KEYS = {
     "right": "seek 5",
     "down": "seek -60",
     "up": "seek 60",
+    "ctrl+wheel-left": "seek -5",
+    "ctrl+wheel-right": "seek 5",
     ".": "frame-step",
     ",": "frame-back-step",
     "<": "playlist-prev",
     ">": "playlist-next",
     "l": "ab-loop",
     "L": "cycle loop-file",
-    "f": "cycle fullscreen",
-    "escape": "set fullscreen no",
-    "ctrl+double-click": "cycle fullscreen",
     "s": "screenshot",
     "o": "show-progress",
     "i": "cycle stats",
     "?": "show-keys",
-    "1": "add contrast -1",
-    "2": "add contrast 1",
-    "3": "add brightness -1",
-    "4": "add brightness 1",
-    "5": "add gamma -1",
-    "6": "add gamma 1",
-    "7": "add saturation -1",
-    "8": "add saturation 1",
-    "9": "add volume -2",
-    "0": "add volume 2",
-    "ctrl+wheel-down": "add volume -2",
-    "ctrl+wheel-up": "add volume 2",
-    "ctrl+wheel-left": "seek -5",
-    "ctrl+wheel-right": "seek 5",
-    "m": "cycle mute",
-    "c": "cycle compensation",
-    "v": "cycle view",
-    "b": "cycle blackout",
-    "t": "cycle test-card",
+    **{key: command for key, command, _ in OF_OPTIONS},
     "g": "identify",
-    "x": "cycle clipping",
-    "[": "multiply refine 0.5",
-    "]": "multiply refine 2",
     "k": "place",
     "ctrl+r": "reload",
     "q": "quit",
@@ -87,6 +67,7 @@ PLACING = {
     "escape": "place-cancel",
 }
 MEANINGS = {
+    **{command: meaning for _, command, meaning in OF_OPTIONS},
     "cycle pause": "pause",
     "seek -5": "5 s back",
     "seek 5": "5 s forward",
@@ -98,31 +79,11 @@ MEANINGS = {
     "playlist-next": "next medium",
     "ab-loop": "A-B loop: set A, set B, clear",
     "cycle loop-file": "begin the medium again at its end",
-    "cycle fullscreen": "fill the monitor",
-    "set fullscreen no": "back to a window",
     "screenshot": "save the view, without what is written over it",
     "show-progress": "where the medium is",
     "cycle stats": "statistics, with a histogram of how late frames were",
     "show-keys": "list the keys",
-    "add contrast -1": "contrast",
-    "add contrast 1": "contrast",
-    "add brightness -1": "brightness",
-    "add brightness 1": "brightness",
-    "add gamma -1": "gamma",
-    "add gamma 1": "gamma",
-    "add saturation -1": "saturation",
-    "add saturation 1": "saturation",
-    "add volume -2": "volume",
-    "add volume 2": "volume",
-    "cycle mute": "mute",
-    "cycle compensation": "with and without compensation",
-    "cycle view": "projector's picture, what the camera will see, split, …",
-    "cycle blackout": "black",
-    "cycle test-card": "test cards, sent as they are",
     "identify": "number, name and size on every monitor",
-    "cycle clipping": "colour what clips",
-    "multiply refine 0.5": "half the steps of refinement",
-    "multiply refine 2": "twice the steps",
     "place": "place the picture in the camera's view",
     "reload": "read the maps and compile the shaders again",
     "quit": "end",

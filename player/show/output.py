@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from counterlight.command import tell
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.picture_files import read_picture
-from counterlight.files.png import write_png
-from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.files.picture_files import read_picture, write_png
+from counterlight.media.decoding.opening import log_natively
 from counterlight.media.sound_track import SoundTrack
 from counterlight.media.video import MediaReader
 from counterlight.writing.numbered import is_numbered, name_of

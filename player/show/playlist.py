@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.errors import InputError
-from counterlight.media.decoding.live import live_address
-from counterlight.media.medium import Border, Medium
+from counterlight.media.medium import Border, Medium, live_address
 from counterlight.writing.numbered import number_of
 
 LISTS = (".m3u", ".m3u8", ".txt")

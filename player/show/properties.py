@@ -4,15 +4,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from counterlight.pipeline.parameters import FLAG
-from counterlight.pipeline.value_types import Anything, Number
+from counterlight.pipeline.adjustments import KINDS
+from counterlight.pipeline.value_types import FLAG, Anything, Number
 from counterlight.show.look import look_properties
 from counterlight.show.playback import Playback
 from counterlight.show.refining import refining
 from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
 from counterlight.show.stats import DRAWING, STAGES
-from counterlight.unattended.lamps import Lamps
+from counterlight.unattended.pjlink import Lamps
 
 TIME = Number(0, 1e9)
 
@@ -132,9 +132,8 @@ def _adjustments(session: Session) -> dict[str, Property]:
         found = session.adjustments.corners
         return None if found is None else [list(corner) for corner in found]
 
-    names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping", "viewpoint"
-    light = "target-peak", "hdr-peak", "tone-mapping", "lut-type"
-    return {name: field(name) for name in (*names, *light)} | {
+    names = [name.replace("_", "-") for name in KINDS if name != "card"]
+    return {name: field(name) for name in names} | {
         "test-card": named(
             "test-card",
             lambda: session.adjustments.card or "no",

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from counterlight.errors import InputError, nearest
-from counterlight.pipeline.parameters import PARAMETERS
 from counterlight.pipeline.value_types import ANYTHING, Kind, Number, UnreadError
+from counterlight.show.options import OPTIONS
 
 PROPERTY_COMMANDS = ("set", "cycle", "add", "multiply")
 
@@ -40,8 +40,8 @@ class Property:
 
 
 def named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
-    """Return the property for a row of PARAMETERS."""
-    row = PARAMETERS[name]
+    """Return the property for a row of OPTIONS."""
+    row = OPTIONS[name]
     return Property(row.help, get, put, row.kind, row.unit)
 
 

@@ -12,13 +12,11 @@ from pathlib import Path
 
 from counterlight.command import tell
 from counterlight.errors import InputError
-from counterlight.remote.addresses import Address, is_loopback, reachable
-from counterlight.remote.tokens import default_path, token_at
+from counterlight.remote.addresses import Address, default_path, is_loopback, reachable, token_at
 from counterlight.show.control import Clients
 from counterlight.show.registry import Commands
 from counterlight.unattended.json_lines import encode
 
-PORT = 8642  # default port of the page
 ENDING_S = 1.0
 REST_S, LONGEST_REST_S = 1.0, 60.0  # pause before a process that died is started again
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from counterlight.media.medium import Medium
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.device import GpuPath
 from counterlight.pipeline.room import Room, read_room
 
 
@@ -38,7 +39,7 @@ class Rendering:
     start_s : time in the medium where rendering begins.
     frames : most frames; None for all.
     backend : "gl" or "cpu".
-    path : one of counterlight.pipeline.device.PATHS.
+    path : for OpenGL.
     """
 
     calibration: Path
@@ -52,14 +53,15 @@ class Rendering:
     start_s: float
     frames: int | None
     backend: str
-    path: str
+    path: GpuPath
     view: str
     compensate: bool
     adjustments: Adjustments
 
     def room(self) -> Room:
-        start, words = self.start if self.steps else None, "words" in self.path
-        return read_room(self.calibration, self.white, self.dither, self.steps, start, words=words)
+        start, refinement = self.start if self.steps else None, self.steps > 0
+        words = self.path.entries != "16"
+        return read_room(self.calibration, self.white, self.dither, start, refinement=refinement, words=words)
 
     @contextmanager
     def opened(self) -> Iterator[MediaReader]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from counterlight.command import status
-from counterlight.overlay.pointer import Pointer
+from counterlight.overlay.osd import Pointer
 from counterlight.show.checked_room import CheckedRoom
 from counterlight.show.commands import commands_of
 from counterlight.show.control import Remote
@@ -18,7 +18,7 @@ from counterlight.show.session import Session
 from counterlight.show.stats import Stats
 from counterlight.show.stats_page import facts, status_line
 from counterlight.unattended.heartbeat import Heartbeat
-from counterlight.unattended.lamps import Lamps
+from counterlight.unattended.pjlink import Lamps
 from counterlight.unattended.room_checks import RoomChecks
 
 STATUS_INTERVAL_S = 0.5

@@ -114,3 +114,15 @@ class Keeper:
 
 def days_of(names: Sequence[str]) -> frozenset[int]:
     return frozenset(DAYS.index(name) for name in names)
+
+
+def begins_at(words: str, now: datetime) -> datetime:
+    """Return the occurrence of `20:00:00` or `20:00` nearest to `now`, up to twelve hours before or after it.
+
+    Raises ValueError if `words` is no time of day.
+    """
+    said = datetime.strptime(words, "%H:%M:%S" if words.count(":") == 2 else "%H:%M")
+    today = now.replace(hour=said.hour, minute=said.minute, second=said.second, microsecond=0)
+    if today - now > timedelta(hours=12):
+        return today - timedelta(days=1)
+    return today + timedelta(days=1) if now - today > timedelta(hours=12) else today

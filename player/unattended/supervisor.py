@@ -1,7 +1,7 @@
 """counterlight play --supervise: runs the player as a child process, and restarts it whenever it crashes or hangs.
 
-The supervisor is the player's service manager. It receives READY=1, WATCHDOG=1 and the facts of heartbeat.py at an
-inbox (inbox.py), and reports to systemd in turn. It holds no picture and no codec, so that little can crash it.
+The supervisor is the player's service manager. It receives READY=1, WATCHDOG=1 and the facts of heartbeat.py at
+its inbox, and reports to systemd in turn. It holds no picture and no codec, so that little can crash it.
 
     crash        the player ends with a signal or an error code, or is silent for SILENCE_S
     back-off     0.1, 0.2, 0.4 … 2 s, doubled with every crash of the last WINDOW_S
@@ -26,9 +26,8 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from counterlight.command import BAD_INPUT, DONE, INTERRUPTED, tell
-from counterlight.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
+from counterlight.unattended.heartbeat import INTERVAL_S, Inbox, Notifier, read_facts
 from counterlight.unattended.hours import Keeper, Schedule
-from counterlight.unattended.inbox import Inbox
 
 SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
 START_S = 60.0  # time to read the maps and compile the shaders
@@ -382,6 +381,7 @@ def supervise(
     safe: str,
     monitors: Sequence[str],
     fullscreen: bool,
+    plain_options: Sequence[str],
     notify_socket: str | None,
     schedule: Callable[[], Schedule] | None = None,
 ) -> int:
@@ -391,11 +391,11 @@ def supervise(
     safe : one of SAFE.
     monitors : where black is shown; empty for the primary monitor.
     fullscreen : whether the show fills the monitors, above the curtain.
+    plain_options : options that show the media without compensation.
     notify_socket : value of NOTIFY_SOCKET, None without a service manager.
     schedule : returns the present schedule; None for a show that always plays.
     """
     python = [sys.executable, "-P", "-m"]
-    plain_options = "--no-compensation", "--refine=0", "--view=projector"
 
     def play(resume: Sequence[str], *options: str) -> list[str]:
         return [

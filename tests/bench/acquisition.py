@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from counterlight.files.picture_files import decode
-from counterlight.files.png import encode_png
+from counterlight.files.picture_files import decode, encode_png
 from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme

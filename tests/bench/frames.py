@@ -13,12 +13,10 @@ import numpy as np
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
-from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.context import headless_context, in_software
+from counterlight.gl.gpu_maps import MapBuffers, MapTextures, WordBuffers, WordTextures, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.renderer import GlRenderer
-from counterlight.gl.row_map_pass import MapTextures
-from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack, unpack
@@ -26,7 +24,7 @@ from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.device import StoredMap
+from counterlight.pipeline.device import GpuPath, StoredMap
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
@@ -151,9 +149,9 @@ def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) 
     if supports_compute(context):
         ways.append(("compute", lambda: MapBuffers(context, packed), 16 * packed.count + 16 * pixels))
     words = words_of(packed)
-    ways.append(("fragment, words", lambda: SmallTextures(context, words), words.nbytes))
+    ways.append(("fragment, words", lambda: WordTextures(context, words), words.nbytes))
     if supports_compute(context):
-        ways.append(("compute, words", lambda: SmallBuffers(context, words), words.nbytes))
+        ways.append(("compute, words", lambda: WordBuffers(context, words), words.nbytes))
     for name, store, map_bytes in ways:
         yield Contender(name, product_ms(context, store(), picture), (map_bytes + pictures) / MB)
 
@@ -237,9 +235,9 @@ def refined_line(
     room = bench_room(RoomMaps(dual, transport, None, None, 0.5, refinement=refinement), projector, camera)
     frame = radiance_frame(rng.uniform(0, 0.5, (*camera, 3)).astype(np.float32))
     found = []
-    backends: list[Callable[[], Renderer]] = [lambda: GlRenderer(context, room, "fragment")]
+    backends: list[Callable[[], Renderer]] = [lambda: GlRenderer(context, room)]
     if supports_compute(context):
-        backends.append(lambda: GlRenderer(context, room, "compute"))
+        backends.append(lambda: GlRenderer(context, room, GpuPath("compute")))
     for made in (*backends, lambda: CpuRenderer(room)):
         renderer = made()
         renderer.open(frame.format)

@@ -17,9 +17,8 @@ from counterlight.gl.exposure_sums import GlSums
 from counterlight.response import Response
 from counterlight.tools.choices import MERGES
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import SLACK, USUAL_WEIGHTING, Estimator, make_estimator
+from counterlight.tools.hdr.estimators import SLACK, USUAL_WEIGHTING, Estimator, make_estimator, weight_table
 from counterlight.tools.hdr.sums import CpuSums, ExposureSums
-from counterlight.tools.hdr.weights import weight_table
 from tests.brackets import codes_of
 
 SHAPE, EXPOSURES = (1024, 1280, 3), 13

@@ -77,7 +77,7 @@ def line(what: str, found: dict[str, Any], speed: float) -> str:
 
 def drawing_ms(room: Path, clip: Path) -> float:
     """Returns the processor time of all threads to draw a frame without refinement, which other load hardly changes."""
-    made = headless_renderer("auto", read_room(room, None, refine=0))  # the same choice as for a window
+    made = headless_renderer("auto", read_room(room, None, refinement=False))  # the same choice as for a window
     with made as renderer, MediaReader.open(clip) as reader:
         renderer.open(reader.info.format)
         frame = reader.next_frame(PATIENCE_S)

@@ -10,6 +10,7 @@ from counterlight.gl.paths import GlMaps, products_ms
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap
 from counterlight.maps.word_map import WordMap
+from counterlight.pipeline.device import GpuPath
 from counterlight.pipeline.room import Room
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
@@ -67,9 +68,9 @@ def frame_bytes(maps: RoomMaps, played: Recommendation, words: Mapping[int, Word
     """Returns the bytes that the products of a frame read, with each byte of a map once per product."""
     assert maps.refinement is not None
     direct = played.start == "previous-direct"
-    first = [maps.refinement.direct] if direct else [maps.correction, *([] if maps.undo is None else maps.undo.parts)]
-    beside = [part for chain in (*maps.beside, *maps.refinement.beside) for part in chain.parts]
-    step = [maps.transport, maps.refinement.dual, *beside]
+    first = [maps.refinement.direct] if direct else [maps.correction, *([] if maps.undo is None else maps.undo.factors)]
+    others = [part for chain in (*maps.chains, *maps.refinement.chains) for part in chain.factors]
+    step = [maps.transport, maps.refinement.dual, *others]
     return sum(map_bytes(each, words) for each in first) + played.steps * sum(map_bytes(each, words) for each in step)
 
 
@@ -81,7 +82,7 @@ def map_bytes(packed: RowMap, words: Mapping[int, WordMap]) -> int:
 def timed(room: Room) -> Iterator[str]:
     """Yield how long a frame's products take in words, relative to entries of 16 bytes, in one room."""
     with headless_context() as context:
-        stored = [GlMaps(context, room, path) for path in ("fragment", "words")]
+        stored = [GlMaps(context, room, path) for path in (GpuPath(), GpuPath(entries="words"))]
         long_ms, small_ms = (products_ms(context, each) for each in stored)
         yield f"{TIMED}: {context.info['GL_RENDERER']}: products take {small_ms / long_ms:.2f} of the time in words"
         for each in stored:

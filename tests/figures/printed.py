@@ -191,7 +191,7 @@ def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> F
 
 
 def at_equal_milliseconds(text: str) -> Cells:
-    """Read tables of docs/refinement.md whose head and step counts depend on the machine's times."""
+    """Read tables of docs/tables/refinement.md whose head and step counts depend on the machine's times."""
     numbered = re.sub(r"^\| start \| \d+ ms .*", "| start, in equal time | a | b | c | d |", text, flags=re.MULTILINE)
     return markdown("start, in equal time")(numbered)
 
@@ -249,7 +249,7 @@ def own_room() -> Figures:
 
 
 def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
-    """Returns rows of docs/acquisition.md's table of schemes.
+    """Returns rows of docs/tables/schemes.md.
 
     sizes : of camera and projector, as in the table.
     """
@@ -257,7 +257,7 @@ def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
     chosen = " ".join(f"--room {room}" for room in rooms)
     cells = markdown("room | camera, projector | scheme")
     return Figures(
-        "docs/acquisition.md",
+        "docs/tables/schemes.md",
         (f"python -m tests.studies.acquisition --again --camera {camera} --projector {projector} {chosen}",),
         minutes,
         labelled(cells, f" | {sizes} | "),

@@ -16,7 +16,7 @@ UNCHECKED = (  # page, beginning of a table's header, reason
     ("docs/size.md", "| acquired `corner`", LARGE),
 )
 SENTENCES = (  # page, words of prose, reason
-    ("docs/acquisition.md", "1874 pictures, 303 s", LARGE),
+    ("docs/schemes.md", "1874 pictures, 303 s", LARGE),
     ("docs/cameras.md", "Positions on the screen are right to a twentieth", TESTED),
     ("docs/displays.md", "a stripe of 4 % of white becomes", TESTED),
     ("docs/drift.md", "shifts of up to 11 pixels are found within 0.02", TESTED),

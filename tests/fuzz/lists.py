@@ -28,7 +28,7 @@ from tests.rooms import write_blurred_room
 
 TOGETHER = 20  # names per show
 PATIENCE_S, LOOK_S = 120.0, 0.4
-OPTIONS = "--no-config", "--no-audio", "--path", "fragment", "--image-display-duration", "0.1"
+OPTIONS = "--no-config", "--no-audio", "--shader", "fragment", "--image-display-duration", "0.1"
 HARMLESS = Name("clip.mkv"), Name("nope.mkv"), Name("harmless.mp4", b"no video" * 99), Name("list.m3u", b"clip.mkv\n")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from counterlight import app
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.media.decoding.opening import log_natively
 from counterlight.media.frames import MediaInfo
 from counterlight.media.video import Frame, MediaReader
 from counterlight.tools import build_correction_map

@@ -165,7 +165,7 @@ def _show(folder: Path, display: str) -> Iterator[_Show]:
     (folder / "shots").mkdir()
     port = udp_port()
     live = f"udp://127.0.0.1:{port}"
-    options = "--loop", "--no-config", "--no-audio", "--path", "fragment", "--screenshot-directory", folder / "shots"
+    options = "--loop", "--no-config", "--no-audio", "--shader", "fragment", "--screenshot-directory", folder / "shots"
     told = "--control", folder / "show.socket", "--heartbeat", folder / "show.log"
     words = [*verb("play"), folder / "room", *clips, live, *options, *told]
     with (

@@ -121,7 +121,7 @@ class _Show:
             "socket",
             "--heartbeat",
             "log",
-            "--path",
+            "--shader",
             "fragment",
         )
         more = ("--supervise",) if supervised else ()

@@ -4,8 +4,8 @@ import moderngl
 import numpy as np
 import pytest
 
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import float_texture
-from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.maps.row_map import SparseRows, pack
 
 OUTPUT, SOURCE = (6, 9), (15, 20)
@@ -29,7 +29,7 @@ def test_large_cancelling_weights_stay_within_the_rows_l1_bound(
         gl_context, pack(SparseRows(indptr, indices, weights, SOURCE[0] * SOURCE[1]), OUTPUT, SOURCE)
     )
     rgba = np.concatenate([smooth, np.ones((*SOURCE, 1), np.float32)], axis=2)
-    source, step = float_texture(gl_context, SOURCE, rgba), RowMapPass(gl_context, textures)
+    source, step = float_texture(gl_context, SOURCE, rgba), textures.product()
     shown = np.frombuffer(step.run(source).read(), np.float32).reshape(-1, 4)[:, :3]
     for resource in (step, source, textures):
         resource.release()

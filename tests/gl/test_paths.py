@@ -10,14 +10,13 @@ import pytest
 from counterlight import app
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.gl import compute_pass, paths
-from counterlight.gl.compute_pass import MapBuffers, supports_compute
+from counterlight.gl import gpu_maps, paths
+from counterlight.gl.gpu_maps import MapBuffers, MapTextures, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
-from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline.device import Owner, StoredMap
+from counterlight.pipeline.device import GpuPath, Owner, StoredMap
 from counterlight.pipeline.refinement import STARTS
 from counterlight.tools import build_correction_map
 from tests.refined_rooms import physical_room
@@ -26,7 +25,8 @@ from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to
 from tests.small_rooms import with_words
 
 ATOL = 1e-5  # the bound of the requirement; float32 sums of at most 20 terms of size 3 are far below
-PATHS = ("fragment", "compute")
+PATHS = ("fragment", "compute")  # shaders
+AUTO = GpuPath("auto", "auto")
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP")
 
 
@@ -107,7 +107,7 @@ def test_a_map_in_several_buffers_is_one_map(
 ) -> None:
     packed = random_map(rng, (40, 50), CAMERA, 30)
     picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
-    monkeypatch.setattr(compute_pass, "PART_ENTRIES", 6000)
+    monkeypatch.setattr(gpu_maps, "PART_ENTRIES", 6000)
     stored = MapBuffers(gl_context, packed)
     assert len(stored.parts) > 3
     np.testing.assert_allclose(multiply(gl_context, stored, picture), PreparedRows(packed).apply(picture), atol=ATOL)
@@ -134,7 +134,7 @@ def test_refined_drives_equal_their_twin(
     room = physical_room(rng, far=far, start=start).room
     frame = radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
     for steps in (0, 1, 5, 50):
-        with both(gl_context, room, frame, path) as (gl, cpu):
+        with both(gl_context, room, frame, GpuPath(path)) as (gl, cpu):
             for renderer in (gl, cpu):
                 renderer.render("projector", compensate=True, steps=steps)
             np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
@@ -149,7 +149,7 @@ def test_refined_drives_equal_their_twin(
 def test_every_view_by_compute_shaders_equals_its_twin(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str
 ) -> None:
-    with both(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), "compute") as (gl, cpu):
+    with both(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), GpuPath("compute")) as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render(view, compensate=True)
         # the error view magnifies; other views use two row maps in sequence
@@ -160,9 +160,13 @@ def test_every_view_by_compute_shaders_equals_its_twin(
 @pytest.mark.parametrize(
     ("slow", "kept", "measured"),
     [
-        ({"fragment": 1, "words": 2, "compute-words": 2}, "compute", {"fragment", "compute", "compute-words"}),
-        ({"compute": 1, "words": 2, "compute-words": 2}, "fragment", {"fragment", "compute", "words"}),
-        ({"compute": 2, "fragment": 1}, "words", {"fragment", "compute", "words"}),
+        ({"fragment": 1, "fragment-words": 2, "compute-words": 2}, "compute", {"fragment", "compute", "compute-words"}),
+        (
+            {"compute": 1, "fragment-words": 2, "compute-words": 2},
+            "fragment",
+            {"fragment", "compute", "fragment-words"},
+        ),
+        ({"compute": 2, "fragment": 1}, "fragment-words", {"fragment", "compute", "fragment-words"}),
         ({"compute": 1, "fragment": 2}, "compute-words", {"fragment", "compute", "compute-words"}),
     ],
 )
@@ -182,7 +186,7 @@ def test_auto_keeps_the_fastest(
     monkeypatch.setattr(
         paths, "products_ms", lambda context, stored: measure(context, stored) + 1e6 * slow.get(stored.report.name, 0)
     )
-    stored = store_maps(gl_context, with_words(physical_room(rng).room), "auto")
+    stored = store_maps(gl_context, with_words(physical_room(rng).room), AUTO)
     stored.release()
     assert stored.report.name == kept
     assert stored.weighs == ("words" in kept)
@@ -193,7 +197,7 @@ def test_auto_keeps_the_fastest(
 def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     room = physical_room(rng).room
     frame = radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
-    with both(gl_context, room, frame, "auto") as (gl, cpu):
+    with both(gl_context, room, frame, AUTO) as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render("camera", compensate=True, steps=3)
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * ATOL)
@@ -217,9 +221,11 @@ class OldContext:
 
 def test_without_opengl_4_3_there_are_fragments(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     room, old = random_room(rng, far=False), OldContext(gl_context)
-    assert store_maps(old, room, "auto").report.to_dict() == {"name": "fragment", "entry_bytes": 16}  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"--path compute: needs OpenGL 4\.3, found .*; use --path fragment or auto"):
-        store_maps(old, room, "compute")  # type: ignore[arg-type]
+    assert store_maps(old, room, AUTO).report.to_dict() == {"name": "fragment", "entry_bytes": 16}  # type: ignore[arg-type]
+    with pytest.raises(
+        InputError, match=r"--shader compute: needs OpenGL 4\.3, found .*; use --shader fragment or auto"
+    ):
+        store_maps(old, room, GpuPath("compute"))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +241,7 @@ def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, r
     """If OpenGL is requested without a path, files use fragments, because their results repeat."""
     exr.write_rgb(tmp_path / "c.exr", rng.uniform(0, 0.5, (*PROJECTOR, 3)).astype(np.float32))
     drives, chosen = {}, {}
-    asked = [("--backend", "gl"), *(("--path", path) for path in ("fragment", "compute", "auto"))]
+    asked = [("--backend", "gl"), *(("--shader", name) for name in ("fragment", "compute", "auto"))]
     for words in asked:
         out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
         files = str(built), str(tmp_path / "c.exr"), "--output", str(out), "--stats", str(stats), "--no-config"
@@ -251,5 +257,5 @@ def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, r
 def test_a_path_without_a_gpu_is_refused(built: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     exr.write_rgb(tmp_path / "c.exr", np.zeros((*PROJECTOR, 3), np.float32))
     files = str(built), str(tmp_path / "c.exr"), "--output", str(tmp_path / "p.exr"), "--no-config"
-    assert app.main([*files, "--backend", "cpu", "--path", "compute"]) == 2
-    assert "--path compute: --backend cpu has no GPU to take it on; leave one of them out" in capsys.readouterr().err
+    assert app.main([*files, "--backend", "cpu", "--shader", "compute"]) == 2
+    assert "--shader compute: --backend cpu has no GPU to use it; leave one of them out" in capsys.readouterr().err

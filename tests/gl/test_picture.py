@@ -10,10 +10,10 @@ import pytest
 from counterlight.files.cube import read_cube
 from counterlight.gl import shaders
 from counterlight.gl.device import GlDevice
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import ShaderPass, float_texture, picture_texture, table_texture
 from counterlight.gl.planes import Planes
 from counterlight.gl.renderer import GlRenderer
-from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.passes.adaptation import Limits
@@ -249,7 +249,7 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     asked = ShaderPass(gl_context, "desired.frag", float_texture(gl_context, CAMERA), {"FULL": None}, white=room.white)
     full = float_texture(gl_context, CAMERA, limits)
     textures = MapTextures(gl_context, room.maps.correction)
-    correct = RowMapPass(gl_context, textures, "CLAMP")
+    correct = textures.product("CLAMP")
     table = table_texture(gl_context, room.calibration.projectors[0].response.inverse_table())
     target = gl_context.texture(PROJECTOR[::-1], 4, dtype="f1")
     encode = ShaderPass(gl_context, "encode.frag", target, {"DITHER_NOISE": None}, scale=1.0, highest=255, frame=7)

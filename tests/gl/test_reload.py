@@ -29,7 +29,7 @@ def installed(tmp_path: Path) -> Path:
 @pytest.fixture
 def playing_copy(xvfb: str, installed: Path, plain_room: Path, noise_picture: Path) -> Iterator[subprocess.Popen[str]]:
     """Run the copy's player in a window, with the control socket `show.socket` next to it."""
-    options = "--no-config", "--osd", "off", "--path", "fragment", "--control", installed / "show.socket"
+    options = "--no-config", "--osd", "off", "--shader", "fragment", "--control", installed / "show.socket"
     program = sys.executable, "-P", "-m", "counterlight.app"
     with running(*program, plain_room, noise_picture, *options, **on(xvfb), PYTHONPATH=str(installed)) as process:
         yield process

@@ -8,9 +8,9 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.gl.device import GlDevice
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import ShaderPass, float_texture, table_texture
 from counterlight.gl.renderer import GlRenderer
-from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.gl.shaders import ShaderError, build_program
 from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
@@ -63,7 +63,7 @@ def test_a_row_map_equals_its_twin(
         "CLAMP": np.clip(product, 0, 1),
     }[combine]
     textures = MapTextures(gl_context, packed)
-    step = RowMapPass(gl_context, textures, combine)
+    step = textures.product(combine)
     inputs = [upload(gl_context, picture), upload(gl_context, base)]
     result = read(step.run(inputs[0], inputs[1] if "BASE" in combine else None))
     for resource in (step, textures, *inputs):
@@ -88,7 +88,7 @@ def test_a_map_in_tiles_is_the_map_in_one(
     results = []
     for texels in (1 << 20, 5 * packed.entries.shape[1], 1):
         textures = MapTextures(gl_context, packed, texels)
-        step = RowMapPass(gl_context, textures, combine)
+        step = textures.product(combine)
         results.append(
             (len(textures.tiles), read(step.run(inputs[0], inputs[1] if combine == "ADD_TO_BASE" else None)))
         )
@@ -115,7 +115,7 @@ def test_indices_are_exact_up_to_the_last_source_pixel(gl_context: moderngl.Cont
     picture = np.zeros((*source, 4), np.float32)
     picture[..., 0], picture[..., 1] = np.arange(source[1]), np.arange(source[0])[:, None]
     textures = MapTextures(gl_context, packed)
-    step = RowMapPass(gl_context, textures)
+    step = textures.product()
     texture = float_texture(gl_context, source, picture)
     result = read(step.run(texture))[0]
     for resource in (step, textures, texture):

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
+from counterlight.gl.gpu_maps import WordBuffers, WordTextures
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
 from counterlight.gl.renderer import GlRenderer
-from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.small_map import SmallMap
 from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.device import Owner
+from counterlight.pipeline.device import GpuPath, Owner
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from tests.refined_rooms import physical_room
@@ -24,8 +24,7 @@ from tests.rooms import CAMERA
 from tests.small_rooms import as_long, random_small, with_words
 
 ATOL = 1e-5  # float32 sums of at most 300 terms below 1, as in test_paths
-STORES = {"fragment": SmallTextures, "compute": SmallBuffers}
-PATHS = {"fragment": "words", "compute": "compute-words"}
+STORES = {"fragment": WordTextures, "compute": WordBuffers}
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL", "CLAMP")
 
 
@@ -98,7 +97,7 @@ def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> It
     """Yield the room rendered from words, then from equal 16-byte entries on the CPU, both after `steps` steps."""
     twin = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
     frame = radiance_frame(np.random.default_rng(5).choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
-    for renderer in (GlRenderer(context, room, PATHS[path]), CpuRenderer(twin)):
+    for renderer in (GlRenderer(context, room, GpuPath(path, "words")), CpuRenderer(twin)):
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("projector", compensate=True, steps=steps)
@@ -132,7 +131,7 @@ def test_the_camera_s_view_is_within_the_bound(
     room = with_words(physical_room(rng).room)
     frame = radiance_frame(rng.uniform(0, 1, (*CAMERA, 3)).astype(np.float32))
     seen = []
-    for renderer in (GlRenderer(gl_context, room, PATHS[path]), CpuRenderer(room)):
+    for renderer in (GlRenderer(gl_context, room, GpuPath(path, "words")), CpuRenderer(room)):
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("camera", compensate=False)
@@ -143,10 +142,10 @@ def test_the_camera_s_view_is_within_the_bound(
     assert ATOL < difference <= 0.5 * room.maps.words.used * room.white / 255 + ATOL
 
 
-@pytest.mark.parametrize("path", PATHS.values())
+@pytest.mark.parametrize("path", STORES)
 def test_a_room_without_words_says_so(gl_context: moderngl.Context, rng: np.random.Generator, path: str) -> None:
-    with pytest.raises(InputError, match=f"--path {path}: the room has no words of 4 bytes"):
-        store_maps(gl_context, with_words(physical_room(rng).room, 1e-4), path)
-    stored = store_maps(gl_context, physical_room(rng).room, "auto")
+    with pytest.raises(InputError, match="--entries words: the room has no words of 4 bytes"):
+        store_maps(gl_context, with_words(physical_room(rng).room, 1e-4), GpuPath(path, "words"))
+    stored = store_maps(gl_context, physical_room(rng).room, GpuPath(path, "auto"))
     stored.release()
     assert not stored.weighs

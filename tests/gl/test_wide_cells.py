@@ -8,6 +8,7 @@ import pytest
 
 from counterlight import calibration
 from counterlight.media.frames import radiance_frame
+from counterlight.pipeline.device import GpuPath
 from counterlight.pipeline.room import Room, read_room
 from counterlight.tools.inverse import refinement_maps
 from counterlight.tools.inverse.build import build_room_maps
@@ -26,9 +27,9 @@ def built(folder: Path) -> Room:
     return read_room(folder, None, words=True)
 
 
-@pytest.mark.parametrize("path", ["fragment", "words", "compute"])
+@pytest.mark.parametrize("path", [GpuPath(), GpuPath(entries="words"), GpuPath("compute")], ids=str)
 def test_cells_in_parts_give_what_whole_ones_give(
-    gl_context: moderngl.Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
+    gl_context: moderngl.Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: GpuPath
 ) -> None:
     whole = built(tmp_path / "whole")
     monkeypatch.setattr(refinement_maps, "MAX_TEXTURE_WIDTH", NARROW)
@@ -47,7 +48,7 @@ def test_cells_in_parts_give_what_whole_ones_give(
             for steps, view in ((0, "projector"), (8, "projector"), (8, "camera")):
                 for renderer in (gl, cpu):
                     renderer.render(view, compensate=True, steps=steps)
-                if path != "words":  # words have the same numbers in entries on the CPU
+                if path.entries != "words":  # words have the same numbers in entries on the CPU
                     np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
                 drives.append(gl.linear())
     for expected, found in zip(drives[:3], drives[3:], strict=True):

@@ -120,7 +120,7 @@ def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room:
 
 
 @pytest.mark.parametrize("how", [ON_A_GPU, ON_THE_PROCESSOR], ids=["gpu", "processor"])
-def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, how: tuple[str, str]) -> None:
+def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, how: tuple[str, ...]) -> None:
     """c, v, b, i, s and q are really pressed. The window is at the upper left of a bare X server."""
     corrected = expected_picture(room, picture, tmp_path, how=how)
     plain = expected_picture(room, picture, tmp_path, "--no-compensation", how=how)
@@ -154,7 +154,7 @@ def test_a_window_without_a_gpu_is_drawn_by_the_processor(
     """The processor draws unless a path is requested. A view of another size has its own picture."""
     stats, software = tmp_path / "stats.json", in_software(gl_context.info["GL_RENDERER"])
     drawn, short = {}, ("--stats", stats, "--image-display-duration", "0.1")
-    for words in ((), ("--view", "camera"), ("--path", "compute"), ("--backend", "gl")):
+    for words in ((), ("--view", "camera"), ("--shader", "compute"), ("--backend", "gl")):
         done = command("play", room, picture, *short, *words, **on(xvfb))
         assert done.returncode == 0, done.stderr
         drawn[words[1:]] = json.loads(stats.read_text())["gpu_path"]["name"] == "cpu"
@@ -163,7 +163,7 @@ def test_a_window_without_a_gpu_is_drawn_by_the_processor(
 
 def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Path) -> None:
     stats = tmp_path / "stats.json"
-    done = command("play", room, CLIP, "--path", "auto", "--stats", stats, "--start", "4", **on(xvfb))
+    done = command("play", room, CLIP, "--shader", "auto", "--stats", stats, "--start", "4", **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s

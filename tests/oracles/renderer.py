@@ -44,7 +44,7 @@ COMBINED: dict[str, Callable[[Any, Any], FloatArray]] = {
 
 class ReferenceRenderer(Renderer[Any]):
     def __init__(self, room: Room) -> None:
-        super().__init__(ReferenceDevice(), room, "reference")
+        super().__init__(ReferenceDevice(), room)
 
 
 class ReferenceDevice(Held):
@@ -62,8 +62,8 @@ class ReferenceDevice(Held):
     def canvas(self, shape: tuple[int, int], channels: int = CHANNELS) -> "Canvas":
         return Canvas(shape, channels)
 
-    def store(self, room: Room, path: str) -> "Maps":
-        return Maps(room, path)
+    def store(self, room: Room) -> "Maps":
+        return Maps(room)
 
     def planes(self, pixels: PixelFormat) -> "Planes":
         return Planes(pixels)
@@ -140,8 +140,8 @@ class Maps(Held):
 
     weighs = False
 
-    def __init__(self, room: Room, path: str) -> None:
-        self.room, self.report = room, PathReport(path, LONG_BYTES)
+    def __init__(self, room: Room) -> None:
+        self.room, self.report = room, PathReport("reference", LONG_BYTES)
         self._stored: dict[int, _Map] = {}
 
     def of(self, packed: RowMap) -> "_Map":

@@ -1,7 +1,7 @@
 """Cost and quality of each acquisition scheme: python -m tests.studies.acquisition.
 
-Fills docs/acquisition.csv, prints it as the table of docs/acquisition.md and draws docs/acquisition.png. Existing rows
-are kept (`--again` measures them, and only prints). Each row is written as soon as it is known. Every room is
+Fills docs/acquisition.csv, prints it as the table of docs/tables/schemes.md and draws docs/acquisition.png. Existing
+rows are kept (`--again` measures them, and only prints). Each row is written as soon as it is known. Every room is
 simulated, with a camera of 14 bits, 20 000 electrons full well and 5 electrons read noise. N shots are simulated as one
 shot of N times the electrons, which equals their sum. The error of T is relative, in the Frobenius norm, against the
 noise-free truth, far light included. Compensation is the box-constrained optimum of the acquired room, to 0.04 dB,
@@ -203,7 +203,7 @@ def _square(terms: Sequence[tuple[int, Transport]], i: int) -> float:
     near = sparse.csr_array(sum(sign * channel(T.near, i).astype(np.float64) for sign, T in terms))
     fars = [(sign, T.far) for sign, T in terms if T.far is not None]
     gather = [channel(far.gather, i) for _, far in fars]
-    send = [sign * sparse.csr_array(far.mix[i]) for sign, far in fars]
+    send = [sign * sparse.csr_array(far.mix.matrices[i]) for sign, far in fars]
     total = float(np.sum(near.data**2))
     for first in range(0, near.shape[0], STRIP):
         rows = slice(first, first + STRIP)
@@ -316,7 +316,7 @@ def in_order(rows: Iterable[Row]) -> list[Row]:
 
 
 def as_table(rows: Sequence[Row]) -> str:
-    """Returns the table of docs/acquisition.md."""
+    """Returns the table of docs/tables/schemes.md."""
     return "\n".join([f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *map(str, rows)])
 
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.row_map import SparseRows, below_each_other
-from counterlight.tools.blurring import choice
-from counterlight.tools.blurring.pruning import in_cells
+from counterlight.tools.blurring import blurring
+from counterlight.tools.blurring.pruning import Pyramid, in_cells
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.shipped import parse_scene
-from counterlight.tools.simulation import camera_side
+from counterlight.tools.simulation import bands
 from counterlight.tools.simulation.effects_on import EffectsOn
 from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.needs import needs_of
@@ -26,13 +26,12 @@ from counterlight.tools.simulation.paths import Rays
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import _Simulation
 from counterlight.tools.study.pictures import find_pictures
-from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
 SIZE, TOP, BAND, SAMPLED = (1080, 1920), 152, 8, 32
 WINDOWS = (100, 200), (460, 880), (800, 1500)  # upper left corners in a film of that size
-LIMITS = choice.LIMITS[7:11]
+LIMITS = blurring.LIMITS[7:11]
 OTHER_POINTS = 7 * SIZE[0] * SIZE[1]  # added to a pixel's number, from which its points of the lens follow
 
 
@@ -52,7 +51,7 @@ def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
     scene = load_scene(parse_scene("two_planes")).resized(SIZE, SIZE)
     simulation = _Simulation(scene, needs_of(scene))
     simulation.prepare()
-    all_rays, all_points = camera_side.primary_rays, LensPoints.of
+    all_rays, all_points = bands.primary_rays, LensPoints.of
 
     def some_rays(scene: Scene, rows: range, effects: EffectsOn) -> Rays:
         rays = all_rays(scene, rows, effects)
@@ -62,7 +61,7 @@ def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
     def points(lens: LensPoints, pixels: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
         return all_points(lens, pixels + sampling * OTHER_POINTS, count)
 
-    with patch.object(camera_side, "primary_rays", some_rays), patch.object(LensPoints, "of", points):
+    with patch.object(bands, "primary_rays", some_rays), patch.object(LensPoints, "of", points):
         parts = []
         for top in range(lines.start, lines.stop, BAND):
             band = range(top, min(top + BAND, lines.stop))
@@ -73,16 +72,16 @@ def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
 
 def widest() -> range:
     """Returns the columns of the square where blur is widest, judged by some of its lines."""
-    lines = [rows_of(range(y, y + 1), range(SIZE[1]), 0).lengths for y in range(TOP, TOP + choice.SIDE, SAMPLED)]
+    lines = [rows_of(range(y, y + 1), range(SIZE[1]), 0).lengths for y in range(TOP, TOP + blurring.SIDE, SAMPLED)]
     sums = np.concatenate([[0], np.cumsum(np.sum(lines, axis=0))])
-    left = int((sums[choice.SIDE :] - sums[: -choice.SIDE]).argmax())
-    return range(left, left + choice.SIDE)
+    left = int((sums[blurring.SIDE :] - sums[: -blurring.SIDE]).argmax())
+    return range(left, left + blurring.SIDE)
 
 
 class Judges:
     """One room's T twice, with different points of the lens: losses of pictures below the best by either T."""
 
-    def __init__(self, square: choice._Square, other: SparseRows) -> None:
+    def __init__(self, square: blurring._Square, other: SparseRows) -> None:
         self._square, self._T = square, [square._T, square._objective(Transport(other))]
         self._best = [self._errors(T)[number] for number, T in enumerate(self._T)]
 
@@ -97,12 +96,12 @@ class Judges:
     def _errors(self, by: Objective) -> list[list[float]]:
         """Returns the errors by both T of the drives for one T."""
         grey = np.full((self._square._columns.size, 3), 0.5)
-        drives = [next(islice(by.steps(grey, b), choice.STEPS, None)) for b in self._square._asked]
+        drives = [next(islice(by.steps(grey, b), blurring.STEPS, None)) for b in self._square._asked]
         return [[self._error(T, *pair) for pair in zip(drives, self._square._asked, strict=True)] for T in self._T]
 
     def _error(self, T: Objective, drive: FloatArray, b: FloatArray) -> float:
         wrong = (T.T.apply(drive) - b)[self._square._inner] / self._square._white
-        return float(np.mean(wrong**2)) + choice.DARKEST
+        return float(np.mean(wrong**2)) + blurring.DARKEST
 
 
 def row(name: str, near: float, blurred: float, losses: list[float]) -> str:
@@ -110,12 +109,12 @@ def row(name: str, near: float, blurred: float, losses: list[float]) -> str:
 
 
 def main() -> None:
-    shown = pictures((choice.SIDE, choice.SIDE))
-    choice.NAMES = tuple(shown)
-    choice.judging_pictures = lambda side: list(pictures(side).values())
-    lines, columns = range(TOP, TOP + choice.SIDE), widest()
+    shown = pictures((blurring.SIDE, blurring.SIDE))
+    blurring.NAMES = tuple(shown)
+    blurring.judging_pictures = lambda side: list(pictures(side).values())
+    lines, columns = range(TOP, TOP + blurring.SIDE), widest()
     T, other = (rows_of(lines, columns, sampling) for sampling in range(2))
-    square = choice._Square(T, SIZE, choice._about(T.indices, SIZE), (choice.SIDE, choice.SIDE))
+    square = blurring._Square(T, SIZE, blurring._about(T.indices, SIZE), (blurring.SIDE, blurring.SIDE))
     judges, count = Judges(square, other), T.shape[0]
     print(f"| limit | near | blurred | {' | '.join(shown)} |\n{'|---' * (3 + len(shown))}|")
     away = [row("T", T.indices.size / count, 0, judges.losses(Transport(T))[1])]

@@ -24,13 +24,13 @@ from counterlight.show.headless import headless_renderer
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
 from counterlight.tools.inverse.near_light import InverseOptions
+from counterlight.tools.joining.cameras import CameraOptions, joined_cameras
+from counterlight.tools.joining.shared_screen import brightened
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.solve.box import Box
 from counterlight.tools.study.pictures import BUILT_IN
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shared_screen import brightened, scaled
 from counterlight.tools.transport.transport import Transport
 from tests.camera_rooms import looks_at
 from tests.joint_rooms import lit_by
@@ -142,7 +142,7 @@ def main() -> None:
         audience = wall.seen(wall.audience.views[0], projectors)
         calibrations, transports = zip(*views, strict=True)
         gains = np.tile(OTHER_LIGHT, (transports[1].shape[0], 1))
-        other = brightened(calibrations[1], gains), scaled(transports[1], gains)
+        other = brightened(calibrations[1], gains), transports[1].scaled(gains)
         rooms = {f"{projectors}, 1": views[0]}
         for said, second, keep in (
             ("2", views[1], True),

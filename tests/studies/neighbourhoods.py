@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.clusters.decomposition import Parameters, decompose

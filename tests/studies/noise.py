@@ -2,7 +2,7 @@
 
 In the rooms of the rig (tests/rig, docs/rig.md) the product acquires T through the rig's own camera, with 20 000 and
 with 2 000 electrons. Each picture is captured once, or as often as the product chooses without a time limit. T is
-compared with the rig's own T. Prints the table of docs/acquisition.md. All of it is simulated.
+compared with the rig's own T. Prints the table of docs/schemes.md. All of it is simulated.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
 In the rooms of the rig (tests/rig, docs/rig.md) the product acquires with `--pictures N`, and with the schemes that
 take as many pictures as they need. The product builds and shows with its defaults, and is judged like in
-python -m tests.rig: captured dB over all lit pixels, mean of three pictures. Prints the table of docs/acquisition.md.
+python -m tests.rig: captured dB over all lit pixels, mean of three pictures. Prints the table of docs/schemes.md.
 All of it is simulated.
 """
 

@@ -1,4 +1,4 @@
-"""Benefit of refinement: python -m tests.studies.refinement prints the tables of docs/refinement.md.
+"""Benefit of refinement: python -m tests.studies.refinement prints docs/tables/refinement.md.
 
 The rooms are simulated: scenes of calib_data/scenes (projector 256x144, camera 320x180) and a textured wall out of
 focus (128x96, 160x120, σ of one projector pixel). The pictures are frames of the shipped clip. The optimum is by the

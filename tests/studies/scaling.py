@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.gl.context import headless_context
+from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import picture_texture
-from counterlight.gl.row_map_pass import MapTextures
 from tests.bench.frames import CAMERA, PROJECTOR, clock_of, local_map
 
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "scaling.png"

@@ -16,7 +16,7 @@ import numpy as np
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.pipeline.content import psnr, reachable_white
 from counterlight.response import Response
 from counterlight.tools.shipped import shipped_scenes

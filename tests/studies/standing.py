@@ -1,6 +1,6 @@
 """True and estimated distance of pictures from the best picture: python -m tests.studies.standing [ROOM …]
 
-Prints the table of docs/refinement.md for calibration folders with their maps, or for the shipped scenes at half their
+Prints docs/tables/standing.md for calibration folders with their maps, or for the shipped scenes at half their
 size, which are simulated and built first. The truth is by the box solver to a relative gap of 1e-5, in Σ w (T p − b)².
 """
 

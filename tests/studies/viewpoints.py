@@ -18,7 +18,7 @@ from scipy import sparse
 
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.media.video import Frame
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.content import psnr as decibels
@@ -31,6 +31,8 @@ from counterlight.screen import Screen
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.build import build_maps
 from counterlight.tools.inverse.near_light import InverseOptions
+from counterlight.tools.joining.cameras import CameraOptions
+from counterlight.tools.joining.views import on_shared_screen
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.needs import chosen, needs_of
@@ -39,8 +41,6 @@ from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
 from counterlight.tools.study.pictures import BUILT_IN
-from counterlight.tools.transport.joining_cameras import CameraOptions
-from counterlight.tools.transport.joining_views import on_shared_screen
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, objective_of
 from counterlight.tools.transport.transport import Csr, Transport, channel
 from counterlight.viewpoints import Places

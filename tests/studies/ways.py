@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from counterlight.arrays import BoolArray
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.geometry import trace

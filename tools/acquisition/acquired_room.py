@@ -31,11 +31,11 @@ from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.factoring.factoring import Factoring, compacted, factored
+from counterlight.tools.joining.projectors import joined, told_colours, with_monitors
+from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.solve.box import CHECK_EVERY, Box
-from counterlight.tools.transport.joining import joined, told_colours, with_monitors
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen

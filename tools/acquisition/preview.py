@@ -14,7 +14,7 @@ import numpy as np
 
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
-from counterlight.gl.preview_window import CLOSED, PreviewWindow
+from counterlight.gl.pattern_window import CLOSED, PreviewWindow
 from counterlight.overlay.osd import Legend, Page
 from counterlight.pipeline.test_cards import card
 from counterlight.raster import side_by_side

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from counterlight.calibration import TOML
 from counterlight.errors import InputError, shown
 from counterlight.files.manifest import sha256_of, write_toml
-from counterlight.files.picture_files import read_picture
-from counterlight.files.png import encode_png
+from counterlight.files.picture_files import encode_png, read_picture
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
 from counterlight.tools.acquisition.averaging import MOST_REPEATS

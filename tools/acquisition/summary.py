@@ -12,7 +12,7 @@ from counterlight.tools.acquisition.ramps import CODES, ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.factoring.factoring import Factoring
-from counterlight.tools.transport.shared_screen import Placed
+from counterlight.tools.joining.shared_screen import Placed
 
 EVEN, LIFTED = 0.002, 0.5  # shares of white: about code 7 of sRGB; the highest level to which black can be lifted
 SUSPECT = 3.0  # multiple of the camera's noise that the check's error may reach

@@ -3,23 +3,69 @@
 A block of 2^l × 2^l projector pixels becomes one cell with evenly spread light if that costs less than its four parts.
 A cell or an entry costs λ, plus the cell's error Σ (T_ij − mean)² over its pixels and channels. No other choice of
 blocks has smaller errors for as many numbers. λ = limit² · |row's light|², so that a surface's colour does not matter.
-The light of a row and of each cell is unchanged.
+The light of a row and of each cell is unchanged. In T = S + B P, P computes the cells: means of the projector picture
+over blocks of 2×2 to 16×16 pixels.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import IntArray
+from counterlight.arrays import BoolArray, IntArray
 from counterlight.maps.products import compiled, kept
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.transport.blurred import LEVELS, Pyramid
+from counterlight.tools.transport.transport import BlurredLight
 
+LEVELS = 4  # of cells; the coarsest have 16×16 pixels
 COARSEST = 1 << LEVELS
 LEAST_LIMIT = 1e-12  # positive, so that every lit entry has a cost
 MANY = 1 << 16  # entries from which all cores are used
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """Cells of a raster (height, width): whole blocks of 2×2 pixels row by row, then blocks of 4×4, and so on."""
+
+    raster: tuple[int, int]
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """(height, width) of each level, in cells."""
+        height, width = self.raster
+        return [(height >> level, width >> level) for level in range(1, LEVELS + 1)]
+
+    @property
+    def starts(self) -> IntArray:
+        """The first cell of each level, followed by the total."""
+        return np.cumsum([0, *(height * width for height, width in self.sizes)])
+
+    @property
+    def cells(self) -> int:
+        return int(self.starts[-1])
+
+    def means(self, used: BoolArray) -> SparseRows:
+        """Return P, float32; rows of unused cells are empty. used : (cells,) bool."""
+        indices = [np.zeros((0,), np.int32)]
+        lengths = np.zeros(self.cells, np.int64)
+        for level, (start, (height, width)) in enumerate(zip(self.starts, self.sizes, strict=False), 1):
+            y, x = np.divmod(np.flatnonzero(used[start : start + height * width]), max(width, 1))
+            down, right = np.divmod(np.arange(1 << 2 * level), 1 << level)
+            corners = (y << level) * self.raster[1] + (x << level)
+            indices.append((corners[:, None] + down * self.raster[1] + right).astype(np.int32).ravel())
+            lengths[start : start + height * width] = (1 << 2 * level) * used[start : start + height * width]
+        weights = np.repeat((1 / np.maximum(lengths, 1)).astype(np.float32), lengths)
+        pixels = self.raster[0] * self.raster[1]
+        starts = np.concatenate([[0], np.cumsum(lengths)])
+        return SparseRows(starts, np.concatenate(indices), np.repeat(weights[:, None], 3, axis=1), pixels)
+
+    def light(self, scatter: SparseRows) -> BlurredLight:
+        """Return B P."""
+        used = np.zeros(self.cells, bool)
+        used[scatter.indices] = True
+        return BlurredLight(self.means(used), None, scatter)
 
 
 def in_cells(rows: SparseRows, raster: tuple[int, int], limit: float) -> tuple[SparseRows, SparseRows]:

@@ -1,4 +1,8 @@
-"""The weighted bipartite graph of camera and projector pixels that the decomposition cuts (thesis 4.2.2)."""
+"""The weighted bipartite graph of camera and projector pixels that the decomposition cuts (thesis 4.2.2, Appendix A).
+
+A camera pixel of a dense T has thousands of blocks of a few additions each; numpy would scan the remaining graph again
+for every block.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +13,7 @@ from scipy import sparse
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
+from counterlight.maps.products import kept
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import CHANNELS, Csr, luminance
 
@@ -76,3 +81,73 @@ def _check(name: str, weights: NDArray[np.floating]) -> None:
             f"transport_{name}: {bad} of {np.count_nonzero(weights)} entries are negative, NaN or infinite, expected "
             "radiance ≥ 0; import the measurement again with: counterlight import-transport"
         )
+
+
+def strongest_of_block(
+    graph: Connections, order: IntArray, projector_shape: tuple[int, int], radius: float
+) -> IntArray:
+    """Return the strongest connection of each connection's block.
+
+    order : connections by camera pixel, strongest first.
+    projector_shape : (height, width).
+
+    Returns (connections,), indices of connections.
+    """
+    if radius < 1:
+        return np.arange(order.size)
+    return np.asarray(_strongest(order, graph.ends, graph.projector, *projector_shape, float(radius)))
+
+
+@kept()
+def _strongest(
+    order: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    projector: NDArray[np.int64],
+    height: int,
+    width: int,
+    radius: float,
+) -> NDArray[np.int64]:
+    """Paint discs, per camera pixel, around its strongest connections that no disc covers yet.
+
+    ends : (camera pixels,). End of each camera pixel's connections in `order`.
+    """
+    strongest = np.empty(order.size, np.int64)
+    painted_by, middle = np.full((height, width), -1), np.empty((height, width), np.int64)
+    reach = int(min(radius, height + width))
+    start = 0
+    for camera_pixel in range(ends.size):
+        for connection in order[start : ends[camera_pixel]]:
+            y, x = divmod(projector[connection], width)
+            if painted_by[y, x] != camera_pixel:
+                for v in range(max(y - reach, 0), min(y + reach + 1, height)):
+                    for u in range(max(x - reach, 0), min(x + reach + 1, width)):
+                        inside = (v - y) ** 2 + (u - x) ** 2 <= radius * radius
+                        if inside and painted_by[v, u] != camera_pixel:
+                            painted_by[v, u], middle[v, u] = camera_pixel, connection
+            strongest[connection] = middle[y, x]
+        start = ends[camera_pixel]
+    return strongest
+
+
+def fit_composition(graph: Connections, keep: BoolArray) -> NDArray[np.float32]:
+    """Rescale each camera pixel's kept connections to preserve its composition: Σ_j T'_kj = Σ_j T_kj.
+
+    Each channel has its own factor (Σ_j T_kj) / (Σ_j kept T_kj). If no kept connection carries a channel, no factor can
+    restore it; its light is then distributed over the kept connections by luminance.
+
+    Returns (kept connections, 3).
+    """
+    camera, luminance = graph.camera[keep], graph.luminance[keep]
+    share = luminance / _sums(camera, luminance, graph.shape[0])[camera]
+    fitted = np.empty((camera.size, graph.weights.shape[1]), np.float32)
+    for i in range(fitted.shape[1]):
+        before = _sums(graph.camera, graph.weights[:, i], graph.shape[0])[camera]
+        weights = graph.weights[keep, i].astype(np.float64)
+        after = _sums(camera, weights, graph.shape[0])[camera]
+        scaled = weights * np.divide(before, after, out=np.zeros_like(before), where=after > 0)
+        fitted[:, i] = np.where(after > 0, scaled, before * share)
+    return fitted
+
+
+def _sums(camera: NDArray[np.int64], weights: NDArray[np.floating], camera_pixels: int) -> FloatArray:
+    return np.bincount(camera, weights=weights, minlength=camera_pixels).astype(np.float64)  # empty sums are integers

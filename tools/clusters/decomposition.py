@@ -3,7 +3,7 @@
 The projector pixels that a camera pixel sees are grouped into blocks of neighbours, each around the strongest
 connection that is in no block yet. Within a block, connections of at most τ₁ times the strongest are removed. A
 projector pixel that lost all connections gets back those of at least τ₂ times its strongest. Energy is then fitted
-(energy.py).
+(connections.py).
 
 The pseudo-code leaves some choices, which are made as follows:
 
@@ -31,9 +31,7 @@ from counterlight.errors import InputError
 from counterlight.maps.products import kept
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
-from counterlight.tools.clusters.connections import Connections, connections_of
-from counterlight.tools.clusters.energy import fit_composition
-from counterlight.tools.clusters.neighbourhoods import strongest_of_block
+from counterlight.tools.clusters.connections import Connections, connections_of, fit_composition, strongest_of_block
 
 
 @dataclass(frozen=True)
@@ -51,10 +49,13 @@ class Parameters:
 
     def __post_init__(self) -> None:
         if not 0 <= self.radius < math.inf:
-            raise InputError(f"--radius {self.radius}: expected 0 or more projector pixels")
-        for option, value in (("--tau-1", self.tau_1), ("--tau-2", self.tau_2)):
+            raise InputError(f"--cut {self}: found radius {self.radius:g}, expected 0 or more projector pixels")
+        for name, value in (("TAU_1", self.tau_1), ("TAU_2", self.tau_2)):
             if not 0 <= value <= 1:
-                raise InputError(f"{option} {value}: expected a fraction from 0 to 1")
+                raise InputError(f"--cut {self}: found {name} {value:g}, expected a fraction from 0 to 1")
+
+    def __str__(self) -> str:
+        return f"{self.radius:g} {self.tau_1:g} {self.tau_2:g}"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from counterlight.arrays import BoolArray, IntArray
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import largest_cluster
-from counterlight.tools.clusters.connections import Connections, connections_of
+from counterlight.tools.clusters.connections import Connections, connections_of, strongest_of_block
 from counterlight.tools.clusters.decomposition import (
     Decomposition,
     Parameters,
@@ -19,7 +19,6 @@ from counterlight.tools.clusters.decomposition import (
     cut,
     decomposed,
 )
-from counterlight.tools.clusters.neighbourhoods import strongest_of_block
 
 FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
 WIDER_RADII = 2  # tried beyond the first sufficient radius; they may allow a smaller τ₁

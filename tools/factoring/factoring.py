@@ -17,8 +17,7 @@ from counterlight.tools.blurring.blurring import Blurring, in_blocks
 from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 from counterlight.tools.factoring import passes
 from counterlight.tools.factoring.losses import asked, compensated, each_picture, measured
-from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted
-from counterlight.tools.factoring.near import split
+from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted, split
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import FarLight, Transport
 
@@ -119,7 +118,7 @@ def _far_share(transport: Transport) -> float:
 
 def factor_numbers(far: FarLight) -> int:
     """Returns the numbers per channel of D, M and U."""
-    mixed = int(np.count_nonzero(far.mix.any(axis=0)))
+    mixed = int(np.count_nonzero(far.mix.matrices.any(axis=0)))
     return int(far.gather.indices.size + far.scatter.indices.size) + mixed
 
 
@@ -207,10 +206,10 @@ class _Search:
         rows, pictures = self._rows, self._pictures
         drive = np.concatenate([np.ones((rows.near.shape[1], 3, 1)), pictures.drive], axis=2)
         far = rows.transport.far
-        beside = np.zeros((rows.near.shape[0], 3, drive.shape[2])) if far is None else each_picture(far.apply, drive)
+        known = np.zeros((rows.near.shape[0], 3, drive.shape[2])) if far is None else each_picture(far.apply, drive)
         entries = passes.operands(rows.near)
         kept, squares = passes.missed(
-            *entries, rows.relative, self._limits, *model.textures, *model.grids, drive, beside, pictures.counted
+            *entries, rows.relative, self._limits, *model.textures, *model.grids, drive, known, pictures.counted
         )
         return kept.sum(axis=0), squares[..., 1:].sum(axis=0)
 

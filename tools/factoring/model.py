@@ -14,17 +14,74 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.factoring import passes
-from counterlight.tools.factoring.grid import Grid
-from counterlight.tools.transport.transport import Csr, FarLight, Shape, Transport, channel
+from counterlight.tools.transport.transport import Csr, Dense, FarLight, Shape, Transport, channel
 
 ROUNDS = 3
 RIDGE = 1e-6  # ε relative to the mean diagonal; nodes without far light stay 0
 PEAK = 64.0  # multiple of its row's mean above which an entry starts as near light
 CROWD, BLOCKS = 8.0, 108  # a block of the raster, of so many, that sends this multiple of its share is near light, too
+MOST_SCALED = 2.0  # largest factor by which a row of U may grow or shrink
+FAINTEST = 1e-6  # share of a row's light; below it is float32 rounding, not missed light
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Φ, (pixels, nodes): interpolates each pixel between four nodes; clamped beyond the outer nodes.
+
+    nodes : rows and columns of nodes.
+    corners : (pixels, 4) int32. The nodes of each pixel.
+    weights : (pixels, 4). ≥ 0, with sum 1.
+    """
+
+    nodes: Shape
+    corners: NDArray[np.int32]
+    weights: FloatArray
+
+    @classmethod
+    def over(cls, picture: Shape, count: int) -> "Grid":
+        """Make about `count` nodes at equal distances down and across, at most one per two pixels of a side.
+
+        picture : (height, width).
+        """
+        apart = max(2.0, np.sqrt(picture[0] * picture[1] / count))
+        rows, columns = (max(1, round(side / apart)) for side in picture)
+        (top, bottom, y), (left, right, x) = (_between(*each) for each in zip(picture, (rows, columns), strict=True))
+        above, below = columns * top[:, None], columns * bottom[:, None]
+        corners = np.stack([above + left, above + right, below + left, below + right], axis=-1)
+        down = y[:, None]
+        weights = np.stack([(1 - down) * (1 - x), (1 - down) * x, down * (1 - x), down * x], axis=-1)
+        return cls((rows, columns), corners.reshape(-1, 4).astype(np.int32), weights.reshape(-1, 4))
+
+    @property
+    def count(self) -> int:
+        return self.nodes[0] * self.nodes[1]
+
+    def textured(self, texture: FloatArray) -> Csr:
+        """Returns diag(texture) Φ without zeros; texture is (pixels,)."""
+        pixels = len(self.corners)
+        places = self.corners.ravel(), 4 * np.arange(pixels + 1)
+        matrix = sparse.csr_array(((self.weights * texture[:, None]).ravel(), *places), shape=(pixels, self.count))
+        matrix.sum_duplicates()
+        matrix.eliminate_zeros()
+        return matrix
+
+    def rows(self, textures: FloatArray, columns: int) -> SparseRows:
+        """Returns diag(texture) Φ of three channels, padded to `columns` columns; textures is (pixels, 3)."""
+        weights = (self.weights[:, :, None] * textures[:, None]).reshape(-1, 3)
+        places = 4 * np.arange(len(self.corners) + 1)
+        return SparseRows(places, self.corners.ravel(), weights, columns).where((weights != 0).any(axis=1))
+
+
+def _between(pixels: int, nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """Returns the nodes before and after each pixel of a side, and the pixel's position between them, 0 to 1."""
+    at = np.clip((np.arange(pixels) + 0.5) / pixels * nodes - 0.5, 0, nodes - 1)
+    before = np.minimum(at.astype(np.int64), max(nodes - 2, 0))
+    return before, np.minimum(before + 1, nodes - 1), at - before
 
 
 @dataclass(frozen=True)
@@ -60,7 +117,7 @@ class Model:
         cells = max(self.M.shape[:2])  # one number for both sides: the cells added have no light
         mix = np.zeros((3, cells, cells))
         mix[:, : self.M.shape[0], : self.M.shape[1]] = self.M.transpose(2, 0, 1)
-        return FarLight(self.projector.rows(self.G, cells).transposed, mix, self.camera.rows(self.F, cells))
+        return FarLight(self.projector.rows(self.G, cells).transposed, Dense(mix), self.camera.rows(self.F, cells))
 
 
 @dataclass(frozen=True)
@@ -124,10 +181,10 @@ def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatA
     far = rows.transport.far
     if far is not None:
         camera = model.camera.corners, model.camera.weights, model.camera.count
-        AU = passes.onto_nodes(*passes.operands(far.scatter), far.cells, model.F, *camera).sum(axis=0)
+        AU = passes.onto_nodes(*passes.operands(far.scatter), far.scatter.columns, model.F, *camera).sum(axis=0)
         for i in range(3):
             B = model.projector.textured(model.G[:, i])
-            mixed[..., i] += AU[..., i] @ far.mix[i] @ (channel(far.gather, i) @ B).toarray()
+            mixed[..., i] += AU[..., i] @ far.mix.matrices[i] @ (channel(far.gather, i) @ B).toarray()
     return mixed, F + rows.known[0], G + rows.known[1]
 
 
@@ -153,3 +210,46 @@ def _blocks(raster: Shape) -> tuple[NDArray[np.int32], FloatArray]:
     grid = Grid.over(raster, BLOCKS)
     nearest = np.take_along_axis(grid.corners, grid.weights.argmax(axis=1)[:, None], axis=1)[:, 0]
     return nearest, np.bincount(nearest, minlength=grid.count) / nearest.size
+
+
+def split(rows: Rows, model: Model) -> Transport:
+    """Split T into S + U M D: S holds the entries that exceed the model by its limit; U's rows are scaled to keep T·1.
+
+    A row whose far light needs a scale beyond MOST_SCALED keeps all its entries and has no far light.
+    """
+    whole = rows.transport.composition()
+    keep = passes.beyond(*passes.operands(rows.near), rows.relative, model.limit, *model.textures, *model.grids)
+    far = model.far_light()
+    shone = far.apply(np.ones((rows.near.shape[1], 3)))
+    near = _above(rows.near.where(keep), model) if rows.relative else rows.near.where(keep)
+    rest = whole - near.sums()
+    scale = np.divide(rest, shone, out=np.zeros_like(shone), where=shone > 0)
+    astray = (rest > FAINTEST * whole) & ((scale < 1 / MOST_SCALED) | (scale > MOST_SCALED))
+    if rows.relative:
+        which = np.asarray(astray.any(axis=1))
+        near = _whole_rows(rows.near, near, which)
+        scale[which] = 0
+    scale = np.maximum(scale, 0)
+    return replace(rows.transport, near=near, far=replace(far, scatter=far.scatter.scaled(scale)))
+
+
+def _above(near: SparseRows, model: Model) -> SparseRows:
+    """Subtract the model at the same places; ≥ 0."""
+    entries = passes.operands(near)
+    below = passes.explained(*entries[:2], *model.textures, *model.grids)
+    return replace(near, weights=np.maximum(near.weights - below, 0).astype(near.weights.dtype))
+
+
+def _whole_rows(full: SparseRows, near: SparseRows, which: NDArray[np.bool_]) -> SparseRows:
+    """Replace some rows of `near` by the rows of `full`; `which` is (camera pixels,)."""
+    if not which.any():
+        return near
+    kept, added = near.where(~which[near.rows]), full.where(which[full.rows])
+    rows = np.concatenate([kept.rows, added.rows])
+    order = np.argsort(rows, kind="stable")
+    return SparseRows(
+        kept.indptr + added.indptr,
+        np.concatenate([kept.indices, added.indices])[order],
+        np.concatenate([kept.weights, added.weights])[order],
+        near.columns,
+    )

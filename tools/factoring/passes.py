@@ -149,14 +149,14 @@ def missed(  # type: ignore[no-untyped-def]
     projector,
     projector_weights,
     pictures,
-    beside,
+    known,
     counted,
 ):
     """Returns the number of near entries and the errors Σ δ² of pictures if only entries beyond a limit stay near.
 
     limits : (L,). Ascending limits of (T − model) n / F.
     pictures : (n, 3, Q). The first is all ones, and scaling of rows makes its light exact.
-    beside : (rows, 3, Q). Light of T outside these entries.
+    known : (rows, 3, Q). Light of T outside these entries.
     counted : (rows,) bool.
 
     Returns parts per limit, (parts, L) and (parts, L, 3, Q).
@@ -184,7 +184,7 @@ def missed(  # type: ignore[no-untyped-def]
                     for u in range(count):
                         light[c, u] += q[node, c] * gathered[node, c, u]
                 for u in range(count):
-                    left[c, u] = beside[k, c, u] - light[c, u]
+                    left[c, u] = known[k, c, u] - light[c, u]
             for e in range(indptr[k], indptr[k + 1]):
                 j, level = indices[e], 0
                 for c in range(3):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.tools.hdr.exif import exposure_times
 from counterlight.tools.hdr.photographs import read_photograph
+from counterlight.tools.hdr.raw_files import exposure_times
 
 CANDIDATES = 1 << 15  # pixels considered for a recovery, on a regular grid
 REACH = 2  # a pixel is compared with its neighbours up to this distance

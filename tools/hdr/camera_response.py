@@ -5,13 +5,35 @@ table is made to rise strictly from 0 to 1, as counterlight.response.Response re
 share one kind of file.
 """
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
+import tomli_w
 from scipy.optimize import isotonic_regression
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.hdr.response_table import table_response
+from counterlight.writing.replacing import replacing_file
+
+SUFFIXES = (".toml",)  # suffix by which --response recognises a file
+NODES = 256  # rows of a table; codes of deeper cameras are interpolated
+STRICT = 1e-6  # share of full scale; least rise over the whole table
+
+
+def table_response(columns: FloatArray) -> Response:
+    """Make a table of curves that rise from 0 to 1 but may be flat in places; `columns` is (NODES, 1 or 3)."""
+    ramp = np.linspace(0, 1, len(columns))[:, None]
+    table = columns + STRICT * (ramp - columns)
+    return Response("table", table=tuple(tuple(float(v) for v in row) for row in table))
+
+
+def write_response(path: Path, response: Response, notes: Mapping[str, object] | None = None) -> None:
+    """Write `response = …`, preceded by the notes on the device."""
+    with replacing_file(path) as temporary:
+        temporary.write_text(tomli_w.dumps({**(notes or {}), "response": response.to_toml()}), encoding="utf-8")
+
 
 TOP_NODES = 16  # the curve is continued to the top by the power law of its highest known nodes
 

@@ -10,12 +10,12 @@ from counterlight.errors import InputError
 from counterlight.files.exr import write_rgb
 from counterlight.response import Response, named_response
 from counterlight.tools.hdr.bracket import Bracket, open_bracket
+from counterlight.tools.hdr.camera_response import SUFFIXES as RESPONSES
+from counterlight.tools.hdr.camera_response import write_response
 from counterlight.tools.hdr.radiance import MergeOptions, RadianceMap, merge
 from counterlight.tools.hdr.raw_files import is_raw
 from counterlight.tools.hdr.recovery import METHODS as RECOVERIES
 from counterlight.tools.hdr.recovery import NAME_IT, recover_response
-from counterlight.tools.hdr.response_table import SUFFIXES as RESPONSES
-from counterlight.tools.hdr.response_table import write_response
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 

@@ -14,7 +14,7 @@ from scipy.optimize import isotonic_regression
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.hdr.response_table import NODES, table_response
+from counterlight.tools.hdr.camera_response import NODES, table_response
 
 LEAST_LEVELS = 5
 FOLLOWED = 0.01, 0.99  # shares of white between which readings determine the exponent; below is noise

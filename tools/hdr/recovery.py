@@ -6,10 +6,8 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.hdr import debevec, robertson
-from counterlight.tools.hdr.camera_response import rising_response
-from counterlight.tools.hdr.estimators import MARGIN
-from counterlight.tools.hdr.response_table import NODES
-from counterlight.tools.hdr.weights import weight_table
+from counterlight.tools.hdr.camera_response import NODES, rising_response
+from counterlight.tools.hdr.estimators import MARGIN, weight_table
 
 METHODS = ("debevec", "robertson")
 LEAST_NODES = 32  # different codes required among pixels with two good exposures

@@ -10,7 +10,7 @@ import numpy as np
 from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.jobs.workers import Workers
 from counterlight.maps import room_maps as maps
-from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
+from counterlight.maps.room_maps import MapChain, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack, unpack
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse import memory
@@ -25,9 +25,9 @@ from counterlight.tools.inverse.near_light import (
 )
 from counterlight.tools.inverse.pictures import pictures_of
 from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendation, recommended
-from counterlight.tools.inverse.refinement_maps import pack_blurred, pack_far, refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_chain, refinement_maps
 from counterlight.tools.inverse.super_blocks import Elsewhere
-from counterlight.tools.inverse.words import words_of
+from counterlight.tools.inverse.words_light import words_of
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
@@ -164,7 +164,7 @@ def build_maps(
     details = _details(inverse, correction, transport, options, aims)
     further = refinement_maps(objective, camera, projector) if refine else None
     observe = pack(transport.near, camera, projector)
-    blurred = None if transport.blurred is None else pack_blurred(transport.blurred, camera, projector)
+    blurred = pack_chain(transport.blurred, camera, projector)
     bounded = inverse.chosen != "thesis"
     packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing, bounded, blurred=blurred)
     outside = _light_outside(objective, inverse, tier)
@@ -193,14 +193,11 @@ def _light_outside(objective: Objective, inverse: Inverse, tier: Tier) -> float 
 
 def _pack_far_light(
     transport: Transport, inverse: Inverse, camera: tuple[int, int], projector: tuple[int, int]
-) -> tuple[FarMaps | None, FarMaps | None]:
-    if transport.far is None:
-        return None, None
-    far = pack_far(transport.far, camera, projector)
-    if inverse.chosen == "thesis":
+) -> tuple[MapChain | None, MapChain | None]:
+    far = pack_chain(transport.far, camera, projector)
+    if transport.far is None or far is None or inverse.chosen == "thesis":
         return far, None
-    undo = undo_far_light(transport.far, inverse.T_pinv)
-    return far, pack_far(undo, camera, camera, far.scatter)
+    return far, pack_chain(undo_far_light(transport.far, inverse.T_pinv), camera, camera, far.scatter)
 
 
 def _details(
@@ -213,7 +210,6 @@ def _details(
         "options": {
             "regularize": "auto" if options.damping is None else options.damping,
             "max_error_codes": options.max_error,
-            "method": options.method,
             "inverse": options.inverse,
             **({} if options.tau is None else {"tau": options.tau}),
             "noise": options.noise,
@@ -263,7 +259,7 @@ def _decomposition(inverse: Inverse) -> dict[str, Any]:
 def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
     clusters, correction = inverse.clusters, packed.correction
     texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
-    beside = "" if outside is None else f", light outside {100 * outside:.0f} % of plain projection's"
+    stray = "" if outside is None else f", light outside {100 * outside:.0f} % of plain projection's"
     chosen = " (auto)" if inverse.damping_errors else ""
     cut, doubt, inverted = "", "", ""
     worst = float(inverse.residual.max(initial=0.0))
@@ -282,5 +278,5 @@ def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
         inverted = f"{packed.transport.count} near and {packed.blurred.scatter.count} blurred entries of T, "
     return (
         f"{cut}{inverted}{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
-        f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps{beside}"
+        f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps{stray}"
     )

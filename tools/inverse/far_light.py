@@ -15,7 +15,7 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.jobs import side_by_side
-from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
+from counterlight.tools.transport.transport import Csr, Dense, FarLight, channels, stacked
 
 LARGEST = 1e30  # largest entry of a factor; products with light, summed, then stay within float32
 ADVICE = "give more --regularize, or look for what is extreme in far_light.npz"
@@ -30,9 +30,9 @@ def undo_far_light(far: FarLight, T_pinv: SparseRows) -> FarLight:
 
     Raises InputError if there is no such light, or only beyond float32.
     """
-    factors = channels(far.gather), far.mix, channels(far.scatter), channels(T_pinv)
+    factors = channels(far.gather), far.mix.matrices, channels(far.scatter), channels(T_pinv)
     gather, mix = zip(*side_by_side(_undone, *factors), strict=True)
-    return FarLight(stacked(gather), np.stack(mix), far.scatter)
+    return FarLight(stacked(gather), Dense(np.stack(mix)), far.scatter)
 
 
 def _undone(D: Csr, M: FloatArray, U: Csr, S_pinv: Csr) -> tuple[Csr, FloatArray]:

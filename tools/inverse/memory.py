@@ -41,7 +41,7 @@ def check_whole(clusters: Clusters, whole: NDArray[np.bool_]) -> None:
     if entries.size:
         largest = int(clusters.projector_sizes[whole].max())
         what = f"inverting clusters of up to {largest} projector pixels whole"
-        check(WORK_BYTES * float(entries.sum()), what, "use --method auto with damping, or a smaller --max-cluster")
+        check(WORK_BYTES * float(entries.sum()), what, "use --inverse cut with a smaller --max-cluster")
 
 
 def check_windows(T: Csr, projector_pixels: int) -> None:

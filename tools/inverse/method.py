@@ -36,21 +36,18 @@ class Method:
         return f"{self.name}: {self.reason}"
 
 
-def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Method:
+def choose_method(clusters: Clusters, damping: float | None) -> Method:
     """Invert clusters whole as far as time and memory allow, and larger ones through windows.
 
-    asked : of INVERSE_METHODS; `clustered` and `windowed` apply to all clusters.
     damping : λ/σ₁; None if it will be chosen.
 
     Raises InputError if an (almost) undamped inverse would need windows: its rows do not decay.
     """
     damped = damping is None or damping >= LEAST_DAMPING
-    if asked == "clustered":
-        return Method(np.zeros(clusters.count, bool), "as asked")
     most = LARGEST_DENSE if damped else LARGEST_PLAIN
     wide = clusters.projector_sizes > most
     heavy = clusters.projector_sizes * clusters.camera_sizes > LARGEST_BLOCK
-    windowed = np.ones(clusters.count, bool) if asked == "windowed" else wide | heavy
+    windowed = wide | heavy
     if windowed.any() and not damped:
         size = int(clusters.projector_sizes[windowed].max())
         raise InputError(
@@ -58,8 +55,6 @@ def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Meth
             f"{LARGEST_PLAIN} pixels, or {LARGEST_BLOCK >> 20} million entries, are inverted whole without); use "
             f"--regularize auto, a number from {LEAST_DAMPING:g}, or cut smaller clusters with --max-cluster"
         )
-    if asked == "windowed":
-        return Method(windowed, "as asked")
     limit = f"the {_grouped(most)} inverted whole"
     if wide.any():
         return Method(windowed, f"{_which(clusters, wide)} beyond {limit}")

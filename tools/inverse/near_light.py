@@ -13,10 +13,9 @@ from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.raster import Region
-from counterlight.tools.choices import INVERSE_METHODS, INVERSES
-from counterlight.tools.clusters.components import Clusters, find_clusters, no_clusters
+from counterlight.tools.choices import INVERSES
+from counterlight.tools.clusters.components import Clusters, find_clusters, no_clusters, refuse_not_finite
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, Report, decompose
-from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_values
@@ -50,7 +49,6 @@ class InverseOptions:
     max_cluster : for a cut, largest cluster in projector pixels; None for 1000, or 200 for `thesis`. A number implies a
         cut.
     noise : relative standard deviation of T's entries (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
-    method : clusters inverted whole, through windows, or by size (choices.INVERSE_METHODS).
     inverse : of choices.INVERSES. `whole` inverts T as it is. `cut` first decomposes T into clusters (thesis 4.2.2).
         `none` replaces T⁺ by direct mapping, one entry per row. `auto` is whole if that pays (price.py), else cut, else
         none. `thesis` is chapter 5 to the letter (invert_as_the_thesis).
@@ -62,7 +60,6 @@ class InverseOptions:
     max_error: float = 0.5
     max_cluster: int | None = None
     noise: float = 0.0
-    method: str = "auto"
     inverse: str = "auto"
     parameters: Parameters | None = None
     tau: float | None = None
@@ -70,16 +67,16 @@ class InverseOptions:
     def __post_init__(self) -> None:
         if self.inverse not in INVERSES:
             raise InputError(f"--inverse {self.inverse}: expected {', '.join(INVERSES)}")
-        if self.inverse in ("whole", "none"):
-            self._check_uncut()
-        if self.parameters is not None and self.max_cluster is not None:
+        given = {f"--max-cluster {self.max_cluster}": self.max_cluster, f"--cut {self.parameters}": self.parameters}
+        cuts = [option for option, value in given.items() if value is not None]
+        if self.inverse in ("whole", "none") and cuts:
+            raise InputError(f"--inverse {self.inverse}: cuts nothing; leave {cuts[0]} out")
+        if len(cuts) > 1:
+            raise InputError(f"{cuts[1]}: {cuts[0]} finds its own; leave one of them out")
+        if self.inverse == "thesis" and self.damping:
             raise InputError(
-                f"--radius {self.parameters.radius:g}: --max-cluster {self.max_cluster} finds its own; leave one of "
-                "them out"
+                f"--regularize {self.damping:g}: --inverse thesis takes plain pseudo-inverses of clusters; leave it out"
             )
-        if self.inverse == "thesis" and (self.damping or self.method != "auto"):
-            option = f"--regularize {self.damping:g}" if self.damping else f"--method {self.method}"
-            raise InputError(f"{option}: --inverse thesis takes plain pseudo-inverses of clusters; leave it out")
         if self.tau is not None and self.inverse != "thesis":
             raise InputError(f"--tau {self.tau:g}: the threshold of --inverse thesis; leave it out, or add that")
         if self.tau is not None and not 0 <= self.tau < 1:
@@ -92,17 +89,6 @@ class InverseOptions:
             raise InputError(f"--max-cluster {self.max_cluster}: expected at least 1 projector pixel")
         if not 0 <= self.noise < 1:
             raise InputError(f"--noise {self.noise}: expected 0 up to 1, the share of T's entries that is noise")
-        if self.method not in INVERSE_METHODS:
-            raise InputError(f"--method {self.method}: expected {', '.join(INVERSE_METHODS)}")
-
-    def _check_uncut(self) -> None:
-        cutting = {
-            f"--max-cluster {self.max_cluster}": self.max_cluster is not None,
-            "--radius": self.parameters is not None,
-        }
-        for option, given in cutting.items():
-            if given:
-                raise InputError(f"--inverse {self.inverse}: cuts nothing; leave {option} out")
 
     @property
     def settled(self) -> "InverseOptions":
@@ -122,7 +108,7 @@ class InverseOptions:
         if self.max_cluster is not None or self.parameters is not None:
             return "cut"
         hardly_damped = self.damping is not None and self.damping < LEAST_DAMPING
-        return "whole" if self.method != "auto" or hardly_damped else "auto"
+        return "whole" if hardly_damped else "auto"
 
 
 @dataclass(frozen=True)
@@ -308,7 +294,7 @@ class _Work:
         """Return T⁺ of these rows, or the reason against it, before the work, if `must_pay` and it does not pay."""
         light = self.whole if near is self.near else luminance_matrix(near)
         clusters = find_clusters(light)
-        method = choose_method(clusters, self.options.method, self.options.damping)
+        method = choose_method(clusters, self.options.damping)
         price = price_of_clusters(clusters, ~method.windowed)
         if must_pay and (objection := price.objection()):
             return objection

@@ -1,30 +1,43 @@
-"""Packs far and blurred light, and the inputs of refinement besides T: TᵀW, step sizes, a prior, and a start."""
+"""Packs chains, and the inputs of refinement besides T: TᵀW, step sizes, a prior, and a start."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.chain import Chain
 from counterlight.maps.prior import Prior
-from counterlight.maps.room_maps import BlurredMaps, FarMaps, RefinementMaps
+from counterlight.maps.room_maps import MapChain, RefinementMaps
 from counterlight.maps.row_map import MAX_TEXTURE_WIDTH, RowMap, SparseRows, pack
 from counterlight.tools.inverse.direct import direct_mapping
-from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.objective import Objective
-from counterlight.tools.transport.transport import FarLight, dense_rows
+from counterlight.tools.transport.transport import LightChain, dense_rows
 
 CELLS_ACROSS = 4096  # width of the picture that the cells of blurred light fill
 
 
-def pack_far(far: FarLight, output: tuple[int, int], source: tuple[int, int], scatter: RowMap | None = None) -> FarMaps:
-    """Pack U M D as a map from `source` to `output`, (height, width) each. scatter : U, if already packed."""
-    gather, cell_of = _in_parts(far.gather)
-    parts, cells = (1, cell_of.size), (1, far.cells)
-    return FarMaps(
-        pack(gather, parts, source),
-        pack(dense_rows(far.mix[..., cell_of]), cells, parts),
-        pack(far.scatter, output, cells) if scatter is None else scatter,
-    )
+def pack_chain(
+    chain: LightChain | None, output: tuple[int, int], source: tuple[int, int], scatter: RowMap | None = None
+) -> MapChain | None:
+    """Pack U M D or B P, if any, as maps from `source` to `output`, (height, width) each.
+
+    Parts and cells of far light have height 1. A cell has one part, or several if more pixels than a texture's width
+    are gathered into it. Blurred light has parts instead of cells, which fill a picture by lines; the last is padded.
+
+    scatter : U, if already packed.
+    """
+    if chain is None:
+        return None
+    gather, cell_of = _in_parts(chain.gather)
+    if chain.mix is None:
+        rows = _of_parts(chain.scatter, cell_of)
+        across = min(rows.columns, CELLS_ACROSS)
+        parts = cells = -(-rows.columns // across), across
+        gather, mix = _with_rows(gather, cells[0] * across), None
+    else:
+        rows, parts, cells = chain.scatter, (1, cell_of.size), (1, chain.scatter.columns)
+        mix = pack(dense_rows(chain.mix.matrices[..., cell_of]), cells, parts)
+    return Chain(pack(gather, parts, source), mix, pack(rows, output, cells) if scatter is None else scatter)
 
 
 def _in_parts(rows: SparseRows) -> tuple[SparseRows, NDArray[np.int64]]:
@@ -34,15 +47,6 @@ def _in_parts(rows: SparseRows) -> tuple[SparseRows, NDArray[np.int64]]:
     number = np.arange(row_of.size) - np.repeat(np.cumsum(counts) - counts, counts)
     begins = rows.indptr[row_of] + number * rows.lengths[row_of] // counts[row_of]
     return replace(rows, indptr=np.append(begins, rows.indptr[-1])), row_of
-
-
-def pack_blurred(blurred: BlurredLight, output: tuple[int, int], source: tuple[int, int]) -> BlurredMaps:
-    """Pack B P, or Pᵀ Bᵀ, as maps from `source` to `output`. Cells fill a picture; its last line is padded."""
-    gather, cell_of = _in_parts(blurred.gather)
-    scatter = _of_parts(blurred.scatter, cell_of)
-    across = min(scatter.columns, CELLS_ACROSS)
-    cells = -(-scatter.columns // across), across
-    return BlurredMaps(pack(_with_rows(gather, cells[0] * across), cells, source), pack(scatter, output, cells))
 
 
 def _of_parts(rows: SparseRows, cell_of: NDArray[np.int64]) -> SparseRows:
@@ -68,12 +72,12 @@ def refinement_maps(objective: Objective, camera: tuple[int, int], projector: tu
     dual, composition, prior = objective.dual, objective.T.composition(), objective.prior
     return RefinementMaps(
         pack(dual.near, projector, camera),
-        None if dual.far is None else pack_far(dual.far, projector, camera),
+        pack_chain(dual.far, projector, camera),
         pack(direct_mapping(dual, composition, objective.heard), projector, camera),
         objective.step_size.astype(np.float32).reshape(*projector, 3),
         Prior.none(projector) if prior is None else prior,
         objective.weights.astype(np.float32).reshape(camera),
         objective.seen.astype(np.float32).reshape(projector),
         (objective.weights > 0 if objective.lit is None else objective.lit).astype(np.float32).reshape(camera),
-        None if dual.blurred is None else pack_blurred(dual.blurred, projector, camera),
+        pack_chain(dual.blurred, projector, camera),
     )

@@ -1,4 +1,4 @@
-"""A room's light T = S + U M D and its transpose in words, certified (maps/small_map.py, docs/gpu.md).
+"""Packs a room's light T = S + U M D and its transpose in words of 4 bytes, certified (maps/small_map.py, docs/gpu.md).
 
 S and U share one picture of colours, so that a residual times w C is the source of both Sᵀ and Uᵀ. For any drive in
 0..1, the camera picture changes by at most `allowed`: half a code value of white, or of a pixel's own full light if
@@ -15,10 +15,12 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight import memory
 from counterlight.arrays import FloatArray
-from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
-from counterlight.maps.row_map import RowMap, SparseRows, bands, beside_each_other, in_blocks, rows_between, unpack
+from counterlight.maps.room_maps import MapChain, RefinementMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, SparseRows, bands, in_blocks, next_to_each_other, rows_between, unpack
 from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap
+from counterlight.maps.word_map import MOST_WORDS, RoomWords, WordMap
 from counterlight.tools.inverse.words_fit import Fit, fit, scale_of
 
 CODES = 255
@@ -27,6 +29,7 @@ DARKEST = 1 / 32  # of white: darker pixels may change as much as a pixel of thi
 NEAR = 0.5
 USED = 0.8  # of the allowed change; words then stay valid while a lamp dims by a fifth
 LEAST = 1e-30
+ENTRY_BYTES = 200  # per entry of T during work
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,8 @@ class _Far:
     mixed: FloatArray
 
     @classmethod
-    def of(cls, maps: FarMaps) -> "_Far":
-        gather, mix = (ascending(unpack(part)) for part in (maps.gather, maps.mix))
+    def of(cls, maps: MapChain) -> "_Far":
+        gather, mix = (ascending(unpack(part)) for part in maps.factors[:2])
         gathered = magnitude(gather).sums()
         mix = mix.where(np.asarray((gathered > 0).any(axis=1))[mix.indices])
         return cls(gather, mix, gathered, magnitude(mix).apply(gathered))
@@ -144,7 +147,7 @@ def _maps(
     slack = share * float((allowed / np.maximum(seen.light, allowed)).min())
     mixes = fit(far.mix, far.gathered, np.maximum(slack * far.mixed, LEAST))
     gathers = fit(far.gather, np.ones((far.gather.columns, 3)), np.maximum(slack * far.gathered, LEAST))
-    cells, mixed = maps.far.gather.output_shape, maps.far.mix.output_shape
+    cells, mixed = (factor.output_shape for factor in maps.far.factors[:2])
     mix, gather = small_map((mixed, cells), far.mix, mixes), small_map((cells, projector), far.gather, gathers)
     behind = mixes.change + magnitude(mix.unpacked()).apply(gathers.change)
     for first, last in seen.bands:
@@ -168,7 +171,7 @@ def _seen_light(seen: _Seen, allowed: FloatArray, trust: NDArray[np.int16]) -> t
     change, scale = np.zeros_like(allowed), seen.scale
     for first, last in seen.bands:
         rows = seen.rows(first, last)
-        joint = reduce(beside_each_other, rows)
+        joint = reduce(next_to_each_other, rows)
         both = fit(joint, seen.reach, allowed[first:last], scale)
         change[first:last] = both.change
         ends = np.cumsum([each.columns for each in rows])
@@ -222,3 +225,18 @@ def _below(
     )
     indptr = np.concatenate([[0], np.cumsum(lengths)])
     return SmallMap(indptr, indices, codes, output, source, colours, trust, parts[0].scale)
+
+
+def words_of(maps: RoomMaps, max_error: float) -> RoomWords | None:
+    """Return words for T and Tᵀ, or None if they miss their bound, are too large, or do not support the light.
+
+    A texture and the available memory limit the size. Blurred light has no words.
+
+    max_error : in code values.
+    """
+    if maps.blurred is not None or ENTRY_BYTES * maps.transport.count > memory.available_bytes():
+        return None
+    found = words_of_light(maps, max_error)
+    if found is None or found.used > 1 or max(small.most_words for small in found.maps.values()) > MOST_WORDS:
+        return None
+    return RoomWords({name: WordMap.of(small) for name, small in found.maps.items()}, found.used)

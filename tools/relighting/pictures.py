@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.media.video import MediaReader
 from counterlight.passes.encode import encoded as encode
 from counterlight.passes.pinned import pinned

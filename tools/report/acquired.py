@@ -122,7 +122,7 @@ def _figures(
         "light_outside": None if report.outside is None else asdict(report.outside),
         "lit_camera_pixels": report.lit,
         "near_entries": report.entries,
-        "far_cells": transport.far.cells if transport.far else 0,
+        "far_cells": transport.far.scatter.columns if transport.far else 0,
         "clusters": {
             "count": report.clusters.count,
             "projector_size_bins": charts.bins_of(report.clusters.projector_sizes),

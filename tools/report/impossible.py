@@ -13,7 +13,7 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.passes.reach import counted
 from counterlight.passes.shown_maps import shortfalls
 from counterlight.pipeline import views
-from counterlight.pipeline.operators import chained, compensation
+from counterlight.pipeline.operators import compensation, prepared
 from counterlight.pipeline.views import MID_GREY, SLACK
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.solve.box import Box
@@ -104,7 +104,7 @@ def find_impossible(tier: Tier, maps: RoomMaps) -> Impossible:
 
 
 def _far_light_of_grey(maps: RoomMaps, light: FloatArray) -> FloatArray:
-    far = chained(maps.far)
+    far = prepared(maps.far)
     return np.zeros_like(light) if far is None else far.apply(np.clip(compensation(maps).apply(light), 0, 1))
 
 

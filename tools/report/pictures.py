@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.row_map import RowMap
 from counterlight.passes.colour import LUMINANCE
-from counterlight.tools.transport.transport import Csr, Transport, channels, luminance_matrix
+from counterlight.tools.transport.transport import Csr, Transport, channel_of_chain, luminance_matrix
 
 Picture = NDArray[np.uint8]
 MATRIX_SIDE = 512
@@ -36,18 +36,14 @@ def matrix_picture(matrix: Csr) -> Picture:
 def transport_picture(T: Transport) -> Picture:
     """Draw T's luminance as density, near, blurred and far light (thesis Figure 5.3), as `matrix_picture`.
 
-    Blurred and far light are summed through their factors: Rᵀ U M D C. R and C map pixels to blocks.
+    Chains are summed through their factors: Rᵀ U M D C. R and C map pixels to blocks.
     """
     sums, (rows, columns) = _block_sums(luminance_matrix(T.near)), (_blocks(side) for side in T.shape)
-    if T.blurred is not None:
-        cells = [rows @ part for part in channels(T.blurred.scatter)]
-        spread = [part @ columns.T for part in channels(T.blurred.gather)]
-        sums += sum(w * (B @ P).toarray() for w, B, P in zip(LUMINANCE, cells, spread, strict=True))
-    if T.far is not None:
-        cells = [rows @ part for part in channels(T.far.scatter)]
-        spread = [part @ columns.T for part in channels(T.far.gather)]
-        factors = zip(LUMINANCE, cells, T.far.mix, spread, strict=True)
-        sums += sum(w * ((U @ M) @ D.toarray()) for w, U, M, D in factors)
+    for chain in T.chains:
+        for i, weight in enumerate(LUMINANCE):
+            each = channel_of_chain(chain, i)
+            spread, cells = each.gather @ columns.T, rows @ each.scatter
+            sums += weight * ((cells @ spread).toarray() if each.mix is None else (cells @ each.mix) @ spread.toarray())
     return _decades(sums)
 
 

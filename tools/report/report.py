@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.pipeline.operators import compensation
 from counterlight.tools.inverse.build import BuiltRoom
 from counterlight.tools.relighting.pictures import encoded, white_level
@@ -119,8 +119,8 @@ def _figures(built: BuiltRoom, impossible: Impossible, found: list[Spectrum]) ->
         "floodlight_inside_mask": _percentiles(floodlight[calibration.mask]),
         "light_outside": built.light_outside,
         "near_entries": [int(n) for n in np.count_nonzero(built.transport.near.weights, axis=0)],
-        "far_cells": built.transport.far.cells if built.transport.far else 0,
-        "blurred_cells": built.transport.blurred.gather.shape[0] if built.transport.blurred else 0,
+        "far_cells": built.transport.far.scatter.columns if built.transport.far else 0,
+        "blurred_cells": built.transport.blurred.scatter.columns if built.transport.blurred else 0,
         "clusters": {
             "count": inverse.clusters.count,
             "windowed": inverse.windowed_clusters,

@@ -3,7 +3,7 @@
 **Light paths.** A path runs from a projector pixel to a camera pixel and meets at least one matt point. That point
 divides the path into two sides, and T is the product of both. T is assembled in bands of camera rows:
 
-- *Camera side* (camera_side.py): `Rays` start at the camera. A ray that ends on a matt surface becomes a row of
+- *Camera side* (bands.py): `Rays` start at the camera. A ray that ends on a matt surface becomes a row of
   `Samples`: camera pixel, point, direction to the viewer, throughput (radiance in the pixel per radiance that leaves).
 - *Projector side* (projector_side.py): `Arrivals` state which projector pixels light a sample, with which irradiance
   and from where. `Deposits` are the same light traced forwards to where it lands; the cells of the far light need them.
@@ -28,7 +28,7 @@ functions. Each function returns lists or arrays, not generators, so that its ti
 
 A batch of rays, samples or arrivals carries the name of the effect that made it (`effect`; straight light: "direct").
 Its entries and energy are counted under that name. Every surface blocks straight light, clear solids too; light through
-clear solids arrives by a light map. optics_needs.py holds the rules and the order of these effects. materials.py holds
+clear solids arrives by a light map. needs.py holds the rules and the order of these effects. materials.py holds
 materials (gloss, dielectric, translucency) as data. The docstring of scene.py defines the file format.
 
 May import numpy, scipy, cv2, embreex (shapes/triangles.py), player and counterlight.tools.{blurring,transport}.

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows, below_each_other
-from counterlight.tools.blurring.blurring import Blurring, too_long
-from counterlight.tools.blurring.choice import Choice, chosen_limit
-from counterlight.tools.blurring.pruning import in_cells
-from counterlight.tools.transport.blurred import BlurredLight, Pyramid
+from counterlight.tools.blurring.blurring import Blurring, Choice, chosen_limit, too_long
+from counterlight.tools.blurring.pruning import Pyramid, in_cells
+from counterlight.tools.transport.transport import BlurredLight
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
-from counterlight.tools.simulation.batch import Batch
+from counterlight.tools.simulation.paths import Batch
 from counterlight.tools.simulation.surfaces import Surface
 
 

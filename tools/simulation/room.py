@@ -8,11 +8,11 @@ from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.response import Response
+from counterlight.tools.joining import views as joined_views
+from counterlight.tools.joining.cameras import CameraOptions, described, joined_cameras
+from counterlight.tools.joining.views import on_shared_screen, write_views
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.simulate import Simulated
-from counterlight.tools.transport import joining_views
-from counterlight.tools.transport.joining_cameras import CameraOptions, described, joined_cameras
-from counterlight.tools.transport.joining_views import on_shared_screen, write_views
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
@@ -70,4 +70,4 @@ def _fill_set(scene: Scene, places: Places, results: Sequence[Simulated], stage:
     views, _ = on_shared_screen(rooms, [result.transport for result in results], scene.name, exact)
     views = [(replace(room, provenance=rooms[0].provenance), transport) for room, transport in views]
     write_views(views, places, stage)
-    return joining_views.described(views)
+    return joined_views.described(views)

@@ -15,14 +15,13 @@ from counterlight.errors import InputError
 from counterlight.tools.blurring.blurring import Blurring
 from counterlight.tools.choices import BLUR_TOLERANCE, MOST_TOLERANCE
 from counterlight.tools.simulation.assembly import ADVICE, Blur, NearLight, summed
-from counterlight.tools.simulation.bands import Band, Elsewhere, SceneSource
-from counterlight.tools.simulation.camera_side import albedo_of, camera_samples, paint_of
+from counterlight.tools.simulation.bands import Band, Elsewhere, SceneSource, albedo_of, camera_samples, paint_of
 from counterlight.tools.simulation.effects_on import Costs, EffectsOn
 from counterlight.tools.simulation.needs import MOVES, TAKES, Need, chosen, needs_of
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.projector_side import arrivals, deposits
 from counterlight.tools.simulation.scene import Scene, inside_of
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import FarLight, Transport
 
 BAND_RAYS = 1 << 18  # rays traced at once
 SAMPLES_AT_ONCE = 1 << 15  # samples lit at once: a light map may send a hundred arrivals to a sample
@@ -323,7 +322,7 @@ class _Simulation:
         transport, ambient = Transport(self.near.rows(), far, camera, projector, self.near.blurred()), self.ambient
         if far is not None:
             lit = far.apply(np.ones((scene.projector.pixels, 3)))
-            effects.account("inter_reflection", lit.sum(), far.entries)
+            effects.account("inter_reflection", lit.sum(), _numbers(far))
         composition = transport.composition()
         if "black_level" in effects:
             added = effects.call("black_level", "radiance", scene, composition)
@@ -338,7 +337,7 @@ class _Simulation:
             effects.account("capture_noise", noise.sum())
         if "blooming" in effects:
             transport, ambient, moved = effects.call("blooming", "bloom", scene, transport, ambient)
-            effects.account("blooming", moved * total, transport.far.entries - (far.entries if far else 0))
+            effects.account("blooming", moved * total, _numbers(transport.far) - _numbers(far))
         shape, spectral = (scene.camera.height, scene.camera.width), None
         if "crosstalk" in effects:
             X = effects.call("crosstalk", "of_pixels", scene, self.mixing.reshape(-1, 3, 3), self.weight)
@@ -374,6 +373,13 @@ class _Simulation:
             else EffectReport(need)
             for name, need in self.needs.items()
         )
+
+
+def _numbers(far: FarLight | None) -> int:
+    """Return the number of nonzeros in D and U, plus all of M."""
+    if far is None:
+        return 0
+    return far.mix.matrices.size + sum(int(np.count_nonzero(part.weights)) for part in (far.gather, far.scatter))
 
 
 def _joined(entries: list[Entries]) -> Entries:

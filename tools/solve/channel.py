@@ -8,10 +8,19 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from counterlight.arrays import FloatArray
+from counterlight.maps.chain import Chain
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import Clusters, find_clusters
-from counterlight.tools.transport.blurred import BlurredLight
-from counterlight.tools.transport.transport import Csr, FarLight, Transport, channel, stacked
+from counterlight.tools.transport.transport import (
+    BlurredLight,
+    Csr,
+    Dense,
+    FarLight,
+    Transport,
+    channel,
+    channel_of_chain,
+    stacked,
+)
 
 
 @dataclass(frozen=True)
@@ -19,23 +28,16 @@ class Channel:
     """T = S + B P + U M D of one channel.
 
     near : S, (camera pixels, projector pixels) float64, no explicit zeros.
-    far : D, M and U.
-    blurred : P and B.
+    chains : B P and U M D, if any.
     """
 
     near: Csr
-    far: tuple[Csr, FloatArray, Csr] | None = None
-    blurred: tuple[Csr, Csr] | None = None
+    chains: tuple[Chain[Csr, FloatArray | None], ...] = ()
 
     @classmethod
     def of(cls, T: Transport, i: int) -> "Channel":
         """Extract channel 0, 1 or 2."""
-        near, far, blurred = channel(T.near, i).astype(np.float64), T.far, T.blurred
-        return cls(
-            near,
-            None if far is None else (channel(far.gather, i), far.mix[i], channel(far.scatter, i)),
-            None if blurred is None else (channel(blurred.gather, i), channel(blurred.scatter, i)),
-        )
+        return cls(channel(T.near, i).astype(np.float64), tuple(channel_of_chain(chain, i) for chain in T.chains))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -45,7 +47,7 @@ class Channel:
     @property
     def in_entries(self) -> bool:
         """Whether all of T is near light, whose clusters are separate systems."""
-        return self.far is None and self.blurred is None
+        return not self.chains
 
     @cached_property
     def clusters(self) -> Clusters:
@@ -59,13 +61,11 @@ class Channel:
         near: LinearOperator = LinearOperator(
             self.shape, matvec=self.near.dot, rmatvec=transposed.dot, dtype=np.float64
         )
-        if self.blurred is not None:
-            P, B = (aslinearoperator(factor) for factor in self.blurred)
-            near = near + B @ P
-        if self.far is None:
-            return near
-        D, M, U = (aslinearoperator(factor) for factor in self.far)
-        return near + U @ M @ D
+        for chain in self.chains:
+            scattered = aslinearoperator(chain.scatter)
+            mixed = scattered if chain.mix is None else scattered @ aslinearoperator(chain.mix)
+            near = near + mixed @ aslinearoperator(chain.gather)
+        return near
 
     def only(self, rows: NDArray[np.bool_]) -> "Channel":
         """Return the near light of some camera pixels; the other rows are empty."""
@@ -77,14 +77,14 @@ class Channel:
     def alone(self) -> Transport:
         """Return this channel as a T whose other two channels are dark."""
         far = blurred = None
-        if self.far is not None:
-            D, M, U = self.far
-            far = FarLight(_beside_dark(D), np.stack([M, 0 * M, 0 * M]), _beside_dark(U))
-        if self.blurred is not None:
-            P, B = self.blurred
-            blurred = BlurredLight(stacked([P] * 3), _beside_dark(B))
-        return Transport(_beside_dark(self.near), far, blurred=blurred)
+        for chain in self.chains:
+            gather, scatter, M = _with_dark(chain.gather), _with_dark(chain.scatter), chain.mix
+            if M is None:
+                blurred = BlurredLight(gather, None, scatter)
+            else:
+                far = FarLight(gather, Dense(np.stack([M, 0 * M, 0 * M])), scatter)
+        return Transport(_with_dark(self.near), far, blurred=blurred)
 
 
-def _beside_dark(matrix: Csr) -> SparseRows:
+def _with_dark(matrix: Csr) -> SparseRows:
     return stacked([matrix, Csr(matrix.shape), Csr(matrix.shape)])

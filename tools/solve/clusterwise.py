@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks
-from counterlight.tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
+from counterlight.tools.clusters.components import CAUSES, NonFiniteError, describe_cluster
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.krylov import LeastSquares

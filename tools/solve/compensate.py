@@ -13,7 +13,7 @@ from counterlight.arrays import FloatArray
 from counterlight.calibration import RADIANCE
 from counterlight.errors import InputError
 from counterlight.files import exr
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps, read_maps
 from counterlight.passes.encode import encoded

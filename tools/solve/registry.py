@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.tools.clusters.finite import refuse_not_finite
+from counterlight.tools.clusters.components import refuse_not_finite
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.direct import Direct, Triangulated

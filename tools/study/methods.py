@@ -152,8 +152,6 @@ class Map:
     @property
     def command(self) -> str:
         words = [f"--max-error {self.options.max_error:g}"] if self.options.max_error != DEFAULTS.max_error else []
-        if self.options.method != DEFAULTS.method:
-            words.append(f"--method {self.options.method}")
         if self.options.damping is not None:
             words.append(f"--regularize {self.options.damping:g}" if self.options.damping else "--regularize none")
         if self.options.inverse != "auto":

@@ -12,7 +12,7 @@ import numpy as np
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.maps.room_maps import BlurredMaps, FarMaps, RefinementMaps, RoomMaps
+from counterlight.maps.room_maps import MapChain, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
@@ -21,7 +21,7 @@ from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.near_light import InverseOptions
-from counterlight.tools.inverse.refinement_maps import pack_blurred, pack_far, refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_chain, refinement_maps
 from counterlight.tools.inverse.triangulated import triangulated_mapping
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation import room as simulation
@@ -202,11 +202,10 @@ class StudyRoom:
         return RoomMaps(correction, near, far, None, self.white, mixing=self.tier.mixing, blurred=blurred)
 
     @cached_property
-    def _observed(self) -> tuple[RowMap, FarMaps | None, BlurredMaps | None]:
+    def _observed(self) -> tuple[RowMap, MapChain | None, MapChain | None]:
         """Near, far and blurred light as the player reads them; None for absent light."""
         shapes, T = (self.calibration.camera.shape, self.calibration.projector.shape), self.transport
-        far = None if T.far is None else pack_far(T.far, *shapes)
-        blurred = None if T.blurred is None else pack_blurred(T.blurred, *shapes)
+        far, blurred = (pack_chain(chain, *shapes) for chain in (T.far, T.blurred))
         return pack(T.near, *shapes), far, blurred
 
 

@@ -27,9 +27,8 @@ from counterlight.raster import Region
 from counterlight.tools.choices import OUTSIDE
 from counterlight.tools.transport.gloss import glossy
 from counterlight.tools.transport.overlap import overlap
-from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
-from counterlight.tools.transport.trust import LEAST_TRUST, camera_pixels, seen, trust
+from counterlight.tools.transport.trust import LEAST_TRUST, camera_pixels, seen, shares, trust
 
 FAINTEST = 1e-12  # of the largest d; projector pixels below it light nothing, and their step would overflow
 FINEST = 1e-6  # of ½ Σ w b²; an error 60 dB below the target needs no finer certificate

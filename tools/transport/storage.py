@@ -2,9 +2,10 @@
 and blurred light, if any, far_light.npz and blurred_light.npz.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +14,23 @@ from scipy import sparse
 from counterlight.calibration import RADIANCE, REBUILD, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.files.reading import Source
+from counterlight.maps.chain import Chain
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.arrays import ArrayError, Members, opened_archive
-from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.sparse_files import Shape, read_compressed, read_sparse
-from counterlight.tools.transport.transport import CHANNELS, Csr, FarLight, Transport, channels, stacked
+from counterlight.tools.transport.transport import (
+    CHANNELS,
+    Csr,
+    Dense,
+    Factor,
+    LightChain,
+    Transport,
+    channels,
+    stacked,
+)
 
-FAR_LIGHT, BLURRED_LIGHT = "far_light.npz", "blurred_light.npz"
+Mix = TypeVar("Mix", bound=Dense | None)
+FAR, BLURRED = "far light", "blurred light"
 MOST_CELLS = 1 << 15  # of far light, whose mix is dense
 MOST_BLURRED_CELLS = 1 << 28
 EXPORT = "save it with scipy.sparse.save_npz"
@@ -33,12 +44,16 @@ def write_transport(transport: Transport, folder: Path) -> None:
     for name, matrix in zip(CHANNELS, channels(transport.near), strict=True):
         check_entries(matrix.data, f"transport of the {name} channel")
         sparse.save_npz(folder / f"transport_{name}.npz", matrix.astype(np.float32))
-    if transport.far is not None:
-        _check_far_light(transport.far, "far light")
-        _write_far_light(transport.far, folder / FAR_LIGHT)
-    if transport.blurred is not None:
-        _check_blurred_light(transport.blurred, "blurred light")
-        _write_factors(transport.blurred.gather, transport.blurred.scatter, folder / BLURRED_LIGHT)
+    chains: dict[str, LightChain | None] = {FAR: transport.far, BLURRED: transport.blurred}
+    for what, chain in chains.items():
+        if chain is not None:
+            _check_chain(chain, what)
+            _write_chain(chain, folder / file_of(what))
+
+
+def file_of(what: str) -> str:
+    """Return the file of a chain: far_light.npz of "far light"."""
+    return f"{what.replace(' ', '_')}.npz"
 
 
 def read_transport(stored: StoredCalibration) -> Transport:
@@ -49,13 +64,8 @@ def read_transport(stored: StoredCalibration) -> Transport:
     for name in CHANNELS:
         with stored.opened(f"transport_{name}.npz") as file:
             near.append(read_matrix(file, shape, REBUILD))
-    far = blurred = None
-    if FAR_LIGHT in stored.files:
-        with stored.opened(FAR_LIGHT) as file:
-            far = _read_far_light(file, shape)
-    if BLURRED_LIGHT in stored.files:
-        with stored.opened(BLURRED_LIGHT) as file:
-            blurred = _read_blurred_light(file, shape)
+    far = _read_chain(stored, FAR, shape, MOST_CELLS, _read_mix)
+    blurred = _read_chain(stored, BLURRED, shape, MOST_BLURRED_CELLS, lambda *_: None)
     stored.refuse_replaced()
     return Transport(stacked(near), far, calibration.camera.shape, calibration.projector.shape, blurred)
 
@@ -90,13 +100,12 @@ def check_entries(values: NDArray[np.floating], where: str) -> None:
         )
 
 
-def _write_far_light(far: FarLight, path: Path) -> None:
-    _write_factors(far.gather, far.scatter, path, mix=far.mix.astype(np.float32))
-
-
-def _write_factors(gather: SparseRows, scatter: SparseRows, path: Path, **beside: NDArray[np.float32]) -> None:
-    arrays = {**beside, "cells": np.array(scatter.columns)}
-    for part, rows in (("gather", gather), ("scatter", scatter)):
+def _write_chain(chain: LightChain, path: Path) -> None:
+    arrays: dict[str, NDArray[np.number]] = {}
+    if chain.mix is not None:
+        arrays["mix"] = chain.mix.matrices.astype(np.float32)
+    arrays["cells"] = np.array(chain.scatter.columns)
+    for part, rows in (("gather", chain.gather), ("scatter", chain.scatter)):
         for name, matrix in zip(CHANNELS, channels(rows), strict=True):
             arrays |= {
                 f"{part}_{name}_data": matrix.data.astype(np.float32),
@@ -106,57 +115,43 @@ def _write_factors(gather: SparseRows, scatter: SparseRows, path: Path, **beside
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
-def _read_far_light(source: Source, shape: Shape) -> FarLight:
-    with opened_archive(source, "not the far light of this calibration", REBUILD) as arrays:
-        cells = _read_cells(arrays, MOST_CELLS)
-        mix = arrays["mix"].expect("fiu", 3, cells, cells).read().astype(np.float64)
-        gather, scatter = _read_factors(arrays, cells, shape)
-        far = FarLight(gather, mix, scatter)
-        _check_far_light(far, arrays.file)
-        return far
+def _read_chain(
+    stored: StoredCalibration, what: str, shape: Shape, most: int, mix_of: Callable[[Members, int], Mix]
+) -> Chain[SparseRows, Mix] | None:
+    """Read the chain that `_write_chain` wrote; None if there is no such file. most : number of cells."""
+    if file_of(what) not in stored.files:
+        return None
+    with (
+        stored.opened(file_of(what)) as file,
+        opened_archive(file, f"not the {what} of this calibration", REBUILD) as arrays,
+    ):
+        cells = int(arrays["cells"].expect("iu").read())
+        if not 1 <= cells <= most:
+            raise ArrayError(f"{cells} cells, expected 1 to {most}")
+        mix = mix_of(arrays, cells)
+        gather, scatter = (
+            stacked([read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS])
+            for part, size in (("gather", (cells, shape[1])), ("scatter", (shape[0], cells)))
+        )
+        chain = Chain(gather, mix, scatter)
+        _check_chain(chain, arrays.file)
+        return chain
 
 
-def _read_blurred_light(source: Source, shape: Shape) -> BlurredLight:
-    with opened_archive(source, "not the blurred light of this calibration", REBUILD) as arrays:
-        blurred = BlurredLight(*_read_factors(arrays, _read_cells(arrays, MOST_BLURRED_CELLS), shape))
-        _check_blurred_light(blurred, arrays.file)
-        return blurred
+def _read_mix(arrays: Members, cells: int) -> Dense:
+    return Dense(arrays["mix"].expect("fiu", 3, cells, cells).read().astype(np.float64))
 
 
-def _read_cells(arrays: Members, most: int) -> int:
-    cells = int(arrays["cells"].expect("iu").read())
-    if not 1 <= cells <= most:
-        raise ArrayError(f"{cells} cells, expected 1 to {most}")
-    return cells
-
-
-def _read_factors(arrays: Members, cells: int, shape: Shape) -> tuple[SparseRows, SparseRows]:
-    """Read the gather and scatter that `_write_factors` wrote."""
-    camera_pixels, projector_pixels = shape
-    gather, scatter = (
-        stacked([read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS])
-        for part, size in (("gather", (cells, projector_pixels)), ("scatter", (camera_pixels, cells)))
-    )
-    return gather, scatter
-
-
-def _check_far_light(far: FarLight, where: str) -> None:
+def _check_chain(chain: Chain[Factor, Factor | None], where: str) -> None:
     """Raise InputError for factors, or products of them, that are NaN, infinite or beyond the range of radiance."""
-    for values in (far.mix, *far.gather.weights.T, *far.scatter.weights.T):
-        check_entries(values, where)
-    D, U = _without_signs(far.gather, far.scatter)
-    lit = FarLight(D, np.abs(far.mix), U).apply(np.ones((D.columns, len(CHANNELS))))
+    for factor in chain.factors:
+        for values in [factor.matrices] if isinstance(factor, Dense) else factor.weights.T:
+            check_entries(values, where)
+    lit = chain.each(_without_signs).apply(np.ones((chain.gather.shape[1], len(CHANNELS))))
     check_entries(lit, f"{where}: its factors' product")
 
 
-def _check_blurred_light(blurred: BlurredLight, where: str) -> None:
-    """Raise InputError as `_check_far_light` does."""
-    for values in (*blurred.gather.weights.T, *blurred.scatter.weights.T):
-        check_entries(values, where)
-    P, B = _without_signs(blurred.gather, blurred.scatter)
-    lit = BlurredLight(P, B).apply(np.ones((P.columns, len(CHANNELS))))
-    check_entries(lit, f"{where}: its factors' product")
-
-
-def _without_signs(*factors: SparseRows) -> Iterator[SparseRows]:
-    return (replace(rows, weights=np.abs(rows.weights)) for rows in factors)
+def _without_signs(factor: Factor) -> Factor:
+    if isinstance(factor, Dense):
+        return Dense(np.abs(factor.matrices))
+    return replace(factor, weights=np.abs(factor.weights))

@@ -1,15 +1,15 @@
-"""Light transport as a sum of parts: near light as sparse rows, blurred light and far light as products of factors.
+"""Light transport as near light, in sparse rows, plus a sum of chains: blurred light B P and far light U M D.
 
 Light that travels directly, or scatters close by, makes T sparse and sharp. Light that crosses the room reaches
 everything but is smooth. Stored by entries it would fill T, so it is kept as U M D (docs/mathematics.md 3). Light of a
-lens far out of focus is near, but wide; with many pixels, it is kept as B P (blurred.py). Scipy handles one channel at
-a time: `channel` and `channels` return scipy matrices, and `stacked` combines three of them.
+lens far out of focus is near, but wide; with many pixels, it is kept as B P (docs/mathematics.md 4). Scipy handles one
+channel at a time: `channel` and `channels` return scipy matrices, and `stacked` combines three of them.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,9 @@ from scipy import sparse
 
 from counterlight.arrays import FloatArray, brief
 from counterlight.errors import InputError
+from counterlight.maps.chain import Chain, Light, Sum
 from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.passes.colour import LUMINANCE
-from counterlight.pipeline.operators import Light, Operator, Sum
-from counterlight.tools.transport.blurred import BlurredLight
 
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]
@@ -29,46 +28,51 @@ ROWS_AT_ONCE = 256  # for a T that is made dense
 
 
 @dataclass(frozen=True)
-class FarLight:
-    """Smooth indirect light: camera radiance = scatter · mix · gather · p, per colour channel.
+class Dense:
+    """A dense matrix per channel. matrices : (3, rows, columns)."""
 
-    gather : D, (cells, projector pixels). Irradiance that arrives directly on each surface cell.
-    mix : M, (3, cells, cells). Indirect irradiance on a cell per direct irradiance on another, all bounces.
-    scatter : U, (camera pixels, cells). Radiance seen per indirect irradiance.
-    """
-
-    gather: SparseRows
-    mix: FloatArray
-    scatter: SparseRows
+    matrices: FloatArray
 
     __repr__ = brief
 
-    @classmethod
-    def from_matrices(cls, gather: Sequence[Csr], mix: FloatArray, scatter: Sequence[Csr]) -> "FarLight":
-        """Make far light from D and U as three scipy matrices each."""
-        return cls(stacked(gather), mix, stacked(scatter))
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.matrices.shape[1], self.matrices.shape[2]
 
     @property
-    def cells(self) -> int:
-        return int(self.mix.shape[1])
+    def transposed(self) -> "Dense":
+        return Dense(self.matrices.transpose(0, 2, 1))
 
-    @property
-    def entries(self) -> int:
-        """Number of nonzeros in D and U, plus all of M."""
-        return self.mix.size + sum(int(np.count_nonzero(part.weights)) for part in (self.gather, self.scatter))
+    def apply(self, source: Light) -> FloatArray:
+        """Multiply each channel by its matrix: (columns, 3) -> (rows, 3)."""
+        return np.stack([matrix @ source[:, i] for i, matrix in enumerate(self.matrices)], axis=1)
 
-    @cached_property
-    def transposed(self) -> "FarLight":
-        """Dᵀ Mᵀ Uᵀ."""
-        return FarLight(self.scatter.transposed, self.mix.transpose(0, 2, 1), self.gather.transposed)
+    def apply_transpose(self, picture: Light) -> FloatArray:
+        """Multiply by the transpose: (rows, 3) -> (columns, 3)."""
+        return self.transposed.apply(picture)
 
-    def apply(self, p: Light) -> FloatArray:
-        """Return U M D p: (projector pixels, 3) -> (camera pixels, 3)."""
-        return self.scatter.apply(_mixed(self.mix, self.gather.apply(p)))
 
-    def apply_transpose(self, c: Light) -> FloatArray:
-        """Multiply by the transpose: (camera pixels, 3) -> (projector pixels, 3)."""
-        return self.transposed.apply(c)
+M = TypeVar("M", Dense, None)
+Factor: TypeAlias = SparseRows | Dense
+LightChain: TypeAlias = Chain[SparseRows, Dense | None]
+# U M D. D, (cells, projector pixels): irradiance that arrives directly on each surface cell. M: indirect irradiance on
+# a cell per direct irradiance on another, all bounces. U, (camera pixels, cells): radiance per indirect irradiance.
+FarLight: TypeAlias = Chain[SparseRows, Dense]
+# B P. P, (cells, projector pixels): means over blocks. B, (camera pixels, cells): radiance per mean.
+BlurredLight: TypeAlias = Chain[SparseRows, None]
+
+
+def far_light_of(gather: Sequence[Csr], mix: FloatArray, scatter: Sequence[Csr]) -> FarLight:
+    """Return U M D from D and U as three scipy matrices each, and M as (3, cells, cells)."""
+    return FarLight(stacked(gather), Dense(mix), stacked(scatter))
+
+
+def transposed(chain: Chain[SparseRows, M] | None) -> Chain[SparseRows, M] | None:
+    """Return Dᵀ Mᵀ Uᵀ or Pᵀ Bᵀ; None for None."""
+    if chain is None:
+        return None
+    mix = None if chain.mix is None else chain.mix.transposed
+    return Chain(chain.scatter.transposed, mix, chain.gather.transposed)
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,7 @@ class Transport:
     blurred: BlurredLight | None = None
 
     def __repr__(self) -> str:
-        far = "" if self.far is None else f", far light of {self.far.cells} cells"
+        far = "" if self.far is None else f", far light of {self.far.scatter.columns} cells"
         blurred = "" if self.blurred is None else f", blurred light of {self.blurred.scatter.columns} cells"
         return f"<Transport {self.shape}: {self.near.indices.size} entries{far}{blurred}>"
 
@@ -121,14 +125,15 @@ class Transport:
         return int(self.near.indices.size + (0 if self.blurred is None else self.blurred.scatter.indices.size))
 
     @property
-    def _beside(self) -> list[Operator]:
-        return [part for part in (self.blurred, self.far) if part is not None]
+    def chains(self) -> list[LightChain]:
+        """B P and U M D, if any."""
+        return [chain for chain in (self.blurred, self.far) if chain is not None]
 
     def apply(self, drive: ArrayLike) -> FloatArray:
         """Return T p, without ambient light: (projector pixels, 3) -> (camera pixels, 3), or picture -> picture."""
         light = np.asarray(drive)
         rows = _rows(light, self.shape[1], self.projector)
-        return _alike(Sum([self.near, *self._beside]).apply(rows), light, self.camera)
+        return _alike(Sum([self.near, *self.chains]).apply(rows), light, self.camera)
 
     def apply_transpose(self, picture: ArrayLike) -> FloatArray:
         """Return Tᵀ c, the dual picture (thesis eq. 3.12): (camera pixels, 3) -> (projector pixels, 3), or pictures."""
@@ -143,14 +148,13 @@ class Transport:
     @cached_property
     def T(self) -> "Transport":  # noqa: N802 - as numpy calls it
         """Tᵀ."""
-        far = None if self.far is None else self.far.transposed
-        blurred = None if self.blurred is None else self.blurred.transposed
+        far, blurred = transposed(self.far), transposed(self.blurred)
         return Transport(self.near.transposed, far, self.projector, self.camera, blurred)
 
     def composition(self) -> FloatArray:
         """Return T·1, the floodlit room without ambient light: (camera pixels, 3)."""
         near, ones = self.near.sums(), np.ones((self.shape[1], 3))
-        return near + Sum(self._beside).apply(ones) if self._beside else near
+        return near + Sum(self.chains).apply(ones) if self.chains else near
 
     def floodlight(self, ambient: NDArray[np.floating]) -> FloatArray:
         """Return T·1 + e, the floodlit room as the camera sees it, in the shape of e."""
@@ -179,7 +183,7 @@ class Transport:
         if blurred is not None:
             cells = np.unique(blurred.scatter.indices)
             gather = blurred.gather.at(cells).of_columns(chosen)
-            blurred = BlurredLight(gather, blurred.scatter.of_columns(cells))
+            blurred = BlurredLight(gather, None, blurred.scatter.of_columns(cells))
         return Transport(near, camera=self.camera, blurred=blurred)
 
     def by_rows(self, change: Callable[[SparseRows], SparseRows]) -> "Transport":
@@ -205,7 +209,7 @@ def in_one(transport: Transport, threshold: float = 0.0) -> SparseRows:
     if transport.far is None:
         return _from(transport.near, threshold)
     near, gather = (channels(part) for part in (transport.near, transport.far.gather))
-    bases = [U @ M for U, M in zip(channels(transport.far.scatter), transport.far.mix, strict=True)]
+    bases = [U @ M for U, M in zip(channels(transport.far.scatter), transport.far.mix.matrices, strict=True)]
     blocks = []
     for start in range(0, transport.shape[0], ROWS_AT_ONCE):
         some = slice(start, start + ROWS_AT_ONCE)
@@ -254,6 +258,12 @@ def channels(rows: SparseRows) -> tuple[Csr, ...]:
     return tuple(channel(rows, i) for i in range(len(CHANNELS)))
 
 
+def channel_of_chain(chain: LightChain, i: int) -> Chain[Csr, FloatArray | None]:
+    """Return the factors of channel 0, 1 or 2."""
+    mix = None if chain.mix is None else chain.mix.matrices[i]
+    return Chain(channel(chain.gather, i), mix, channel(chain.scatter, i))
+
+
 def luminance(weights: NDArray[np.floating]) -> FloatArray:
     """Return the BT.709 luminance of (n, 3), float64.
 
@@ -287,11 +297,6 @@ def _lit(rows: SparseRows) -> NDArray[np.bool_]:
     """Return the columns that have light, (columns, 3)."""
     seen = (np.bincount(rows.indices[each != 0], minlength=rows.columns) for each in rows.weights.T)
     return np.stack(list(seen), axis=1) > 0
-
-
-def _mixed(mix: FloatArray, cells: FloatArray) -> FloatArray:
-    """Return M x per channel: (cells, 3) -> (cells, 3)."""
-    return np.stack([mix[i] @ cells[:, i] for i in range(len(CHANNELS))], axis=1)
 
 
 def _rows(light: Light, pixels: int, shape: Shape | None) -> Light:

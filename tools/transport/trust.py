@@ -3,6 +3,10 @@
 The border of the projector's raster cuts footprints. A pixel with a cut footprint cannot reach its target, and vain
 attempts spoil its neighbours. The cut shows in T's row, without any knowledge of the scene. The line of projector
 pixels at the raster's border then has a larger share of the row's light than any line of a whole footprint.
+
+Where several cameras see one place, each point of the screen counts once: w = a f / Σ f. a is the screen area that the
+pixel sees. f is how far the seen projector pixels are from the border of the camera's picture. The sum is over all
+cameras that see them. Towards the border of one camera's picture, its weight therefore fades into the other cameras'.
 """
 
 from dataclasses import dataclass
@@ -11,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import Calibration
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.transport.transport import Csr, Transport, channel, luminance
+from counterlight.screen import Screen
+from counterlight.tools.transport.transport import Csr, Transport, channel, luminance, luminance_matrix
 
 LEAST_TRUST = 0.01  # for pixels outside the mask
 CUT_TRUST = 0.1  # 0.05: a corner falls below direct mapping over lit pixels; 1: twice the light outside its view
@@ -23,6 +29,8 @@ CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # relative to the largest share of one 
 UNTOUCHED = 0.05  # share of a row's light at the border, below which its footprint is certainly whole
 NEARBY = 9  # camera pixels per side, over which whole footprints are averaged
 FEW = 0.1  # of those pixels
+LARGEST_PERCENTILE = 99.0  # of areas; folds of a screen that is continued far have any area
+LEAST = 1e-3  # smallest weight; pixels that other cameras see better are kept
 
 
 @dataclass(frozen=True)
@@ -203,3 +211,41 @@ def _made(rows: SparseRows, total: FloatArray) -> FloatArray:
     """Return each column's sum of shares of its rows' `total`, (columns,); rows without light add nothing."""
     shares = _shares(rows, total)
     return np.bincount(shares.indices, shares.data, rows.columns).astype(np.float64)
+
+
+def shares(near: SparseRows, calibration: Calibration) -> FloatArray:
+    """Return weights (camera pixels,), above 0 to 1; all 1 for one camera.
+
+    near : T, (camera pixels, projector pixels).
+    """
+    screen = calibration.screen
+    if screen is None:
+        return np.ones(near.shape[0])
+    T, inner = luminance_matrix(near).astype(np.float64), _depths(screen, calibration.mask).ravel()
+    pixels = np.arange(near.shape[0]).reshape(calibration.camera.shape)
+    light = np.asarray(T.sum(axis=1)).ravel()
+    own, all_of_them = np.zeros(near.shape[0]), np.zeros(near.shape[0])
+    for part in screen.parts:
+        rows = pixels[part].ravel()
+        seen, told = (T[rows].T @ values[rows] for values in ((inner > 0).astype(np.float64), inner))
+        depth = T @ np.divide(told, seen, out=np.zeros_like(told), where=seen > 0)
+        depth = np.divide(depth, light, out=np.zeros_like(depth), where=light > 0)
+        all_of_them += depth
+        own[rows] = depth[rows]
+    say = np.divide(own, all_of_them, out=np.ones_like(own), where=all_of_them > 0)
+    return np.asarray(np.maximum(say * _areas(screen, calibration.mask).ravel(), LEAST))
+
+
+def _depths(screen: Screen, mask: BoolArray) -> FloatArray:
+    """Return each pixel's distance from the border of its camera's mask, in screen pixels; 0 outside the mask."""
+    depths, scale = np.zeros(mask.shape), np.sqrt(_areas(screen, mask))
+    for part in screen.parts:
+        depths[part] = ndimage.distance_transform_edt(np.pad(mask[part], 1))[1:-1, 1:-1]
+    return np.asarray(depths * scale)
+
+
+def _areas(screen: Screen, mask: BoolArray) -> FloatArray:
+    """Return the screen area that each pixel sees, relative to the largest area of pixels that count."""
+    across, down = (axis.astype(np.float64) for axis in screen.axes)
+    areas = np.abs(across[..., 1] * down[..., 2] - across[..., 2] * down[..., 1])
+    return np.asarray(np.clip(areas / np.percentile(areas[mask], LARGEST_PERCENTILE), 0, 1))

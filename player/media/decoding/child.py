@@ -1,11 +1,13 @@
 """The life of a decoder process, from both sides: how the player starts and ends it, and how it limits itself.
 
-Imported before any large module, so that a decoder's first sign of life comes as soon as Python runs.
+Imported before any large module, so that a decoder's first sign of life comes as soon as Python runs. The format of
+the sound decoder's blocks is here, because importing it must not import PyAV (0.25 s).
 """
 
 import atexit
 import contextlib
 import os
+import struct
 import subprocess
 import sys
 import threading
@@ -13,6 +15,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 
@@ -126,3 +131,9 @@ def limit_memory(most: float = MAX_ADDRESS_SPACE) -> None:
     limit = hard if most == float("inf") else int(most) if hard == resource.RLIM_INFINITY else min(int(most), hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+
+
+RATE, CHANNELS = 48_000, 2
+HEADER = struct.Struct("<qI")  # serial, samples
+NO_SOUND = -1  # serial
+Samples = NDArray[np.float32]

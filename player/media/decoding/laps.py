@@ -11,9 +11,9 @@ import av
 from counterlight.errors import InputError
 from counterlight.media.decoding.child import limit_memory
 from counterlight.media.decoding.devices import PROCESSOR
-from counterlight.media.decoding.ffmpeg_log import log_natively
 from counterlight.media.decoding.mailbox import Events, Mailbox, Order
 from counterlight.media.decoding.media import open_source
+from counterlight.media.decoding.opening import log_natively
 from counterlight.media.decoding.pixels import store
 from counterlight.media.decoding.source import FormatChangedError, Source
 from counterlight.media.frames import MediaInfo, describe_info, slot_bytes, slot_planes

@@ -10,10 +10,9 @@ import av
 
 from counterlight.errors import InputError
 from counterlight.media.decoding.ffmpeg_source import FfmpegSource
-from counterlight.media.decoding.live import STEADY_S, LiveAddress
 from counterlight.media.decoding.opening import open_live, reason
 from counterlight.media.decoding.source import Decoded, FormatChangedError
-from counterlight.media.medium import Medium
+from counterlight.media.medium import STEADY_S, LiveAddress, Medium
 
 RETRY_S = (0.5, 1.0, 2.0, 5.0)  # pauses between attempts to reopen; the last value repeats
 MUTE_S = 10.0  # limit without a picture among the received packets; the sender has then changed its streams

@@ -1,4 +1,4 @@
-"""Opens media with FFmpeg, restricted to chosen files, formats and protocols.
+"""Opens media with FFmpeg, restricted to chosen files, formats and protocols; passes on FFmpeg's messages.
 
 A film may itself be a list of other media (HLS, ffconcat, SDP), under any name. FFmpeg would open what it lists: other
 files, pipes, addresses. FORMATS omits these formats.
@@ -12,8 +12,7 @@ from av.codec.hwaccel import HWAccel
 from av.container import InputContainer
 
 from counterlight.errors import InputError
-from counterlight.media.decoding.live import LiveAddress
-from counterlight.media.medium import Medium
+from counterlight.media.medium import LiveAddress, Medium
 
 OPEN_S, READ_S = 10.0, 5.0  # FFmpeg's time limits for networks
 _PICTURES = "image2"  # recognised by suffix; for a name `*.y` it also opens the files with suffix u and v
@@ -94,3 +93,13 @@ def _open(
         metadata_errors="replace",
         hwaccel=hwaccel,
     )
+
+
+def log_natively(level: int) -> None:
+    """Print messages from an av.logging level on to stderr. Call this in every process that codes or decodes.
+
+    PyAV's log callback takes the GIL. A codec thread that logs while the main thread frees the codec then hangs the
+    process, in half of the runs on a damaged H.264 file. FFmpeg's callback needs no GIL.
+    """
+    av.logging.restore_default_callback()
+    av.logging.set_libav_level(level)

@@ -21,8 +21,7 @@ from av.container import InputContainer
 
 from counterlight.errors import InputError
 from counterlight.media.decoding.child import limit_memory, private_stdout
-from counterlight.media.decoding.ffmpeg_log import log_natively
-from counterlight.media.decoding.opening import first_picture_s, open_file, reason
+from counterlight.media.decoding.opening import first_picture_s, log_natively, open_file, reason
 from counterlight.media.medium import Medium
 
 SIGN_EVERY_S = 1.0

@@ -7,9 +7,9 @@ from operator import sub
 from tests.figures.claims import Table, ends, said, tabled, told
 
 HEAD = "room | camera, projector | scheme"
-SMALL, LARGE = (tabled("docs/acquisition.md", HEAD, f"--camera {camera}") for camera in ("96x72", "256x192"))
-FIRST = tabled("docs/acquisition.md", "room | fault")
-NOISE = tabled("docs/acquisition.md", "room | electrons")
+SMALL, LARGE = (tabled("docs/tables/schemes.md", HEAD, f"--camera {camera}") for camera in ("96x72", "256x192"))
+FIRST = tabled("docs/schemes.md", "room | fault")
+NOISE = tabled("docs/schemes.md", "room | electrons")
 FINE, SMOOTH = "fine, dB", "smooth, dB"
 ONE, COARSE, MANY = "hierarchical, τ = 4 σ", "hierarchical, τ = 16 σ", "hierarchical, τ = 4 σ, 16 shots"
 CODED, CODED_MANY = "multiplexed", "multiplexed, 16 shots"
@@ -66,7 +66,7 @@ PROSE = (
         ),
     ),
     said(
-        "docs/acquisition.md",
+        "docs/schemes.md",
         SMALL,
         ("4 σ and one shot is within {} dB of the true T", lambda t: (largest(t, FINE, ONE),)),
         ("the true T gives {} to {} dB", lambda t: ends(t(TRUTH, SMOOTH))),
@@ -112,7 +112,7 @@ PROSE = (
         ("is lost (`corner`: error {} %)", lambda t: t("corner .* pixel by pixel", "error of T")),
     ),
     said(
-        "docs/acquisition.md",
+        "docs/schemes.md",
         LARGE,
         ("one shot is within {} dB of the true T on fine pictures", lambda t: (largest(t, FINE, ONE),)),
         (
@@ -126,7 +126,7 @@ PROSE = (
         ),
     ),
     said(
-        "docs/acquisition.md",
+        "docs/schemes.md",
         FIRST,
         ("nine pictures, which end {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
         ("no more than 48 and end {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),

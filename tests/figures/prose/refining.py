@@ -7,7 +7,7 @@ from statistics import mean
 from tests.figures.cells import Cells
 from tests.figures.claims import Table, counted, ends, said, tabled, told
 
-STILLS = tabled("docs/refinement.md", "start | 1 step")
+STILLS = tabled("docs/tables/refinement.md", "start | 1 step")
 STUDIED = "wall", "corner", "two_planes", "out of focus"
 
 
@@ -34,10 +34,10 @@ def entries() -> Iterator[tuple[str, str]]:
     """Yield the sentence of each room before its tables, on the page and in the study's output."""
     page = "Optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
     names = {
-        "### Wall": "wall",
-        "### Corner": "corner",
-        "### `two_planes`": "two_planes",
-        "### Out of focus": "out of focus",
+        "## Wall": "wall",
+        "## Corner": "corner",
+        "## `two_planes`": "two_planes",
+        "## Out of focus": "out of focus",
     }
     for head, name in names.items():
         yield f"{head} {page}", f"**{name}**, o{page[1:]}"
@@ -51,6 +51,10 @@ PROSE = (
             "From the map, eight steps end within {} dB of the optimum and sixteen within {} in every room",
             lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
         ),
+    ),
+    said(
+        "docs/tables/refinement.md",
+        STILLS,
         (
             "what remains after 64 steps, {} to {} dB",
             lambda t: ends(t(r": map$", "64 steps")),
@@ -58,7 +62,7 @@ PROSE = (
     ),
     said(
         "docs/refinement.md",
-        tabled("docs/refinement.md", " | 1 step"),
+        tabled("docs/tables/refinement.md", " | 1 step"),
         ("the error never falls below {} dB", lambda t: (t.one("near light alone", "64 steps"),)),
     ),
     said(
@@ -68,19 +72,23 @@ PROSE = (
             "Film stays within {} dB at four steps from `previous`, and within {} at eight",
             lambda t: [max(t(": previous$", f"{steps} steps")) for steps in (4, 8)],
         ),
+    ),
+    said(
+        "docs/tables/refinement.md",
+        STILLS,
         ("placing and encoding, about {} ms", lambda t: (mean(t(": direct$", "before a step, ms")),)),
     ),
     counted("docs/refinement.md", STILLS, held, ("T⁺ has {} to {} times the entries of T", denser)),
     told(
-        "docs/refinement.md",
+        "docs/tables/refinement.md",
         STILLS.commands,
         STILLS.minutes,
         ("Constant far light, {} ms per", "as it is in the start, {} ms a"),
     ),
-    told("docs/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
+    told("docs/tables/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
     said(
         "docs/refinement.md",
-        tabled("docs/refinement.md", "room, picture | start, steps"),
+        tabled("docs/tables/standing.md", "room, picture | start, steps"),
         ("All are within a factor of {} (the", lambda t: (1 / min(estimated(t)),)),
         ("(the worst, {}, uses", lambda t: (min(estimated(t)),)),
     ),

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.files.png import encode_png
+from counterlight.files.picture_files import encode_png
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph

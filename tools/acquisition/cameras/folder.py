@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.files.manifest import write_toml
-from counterlight.files.png import encode_png
+from counterlight.files.picture_files import encode_png
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.plan import Picture
-from counterlight.tools.hdr.exif import read_exposure
 from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse_curve
-from counterlight.tools.hdr.raw_files import is_raw
+from counterlight.tools.hdr.raw_files import is_raw, read_exposure
 from counterlight.writing.replacing import filling_folder, replacing_file
 
 ACQUISITION = "acquisition.toml"

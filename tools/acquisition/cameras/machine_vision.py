@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError, one_line
 from counterlight.tools.acquisition.cameras.camera import Shot
-from counterlight.tools.hdr.mosaic import binned, grey
+from counterlight.tools.hdr.raw_files import binned, grey
 
 OFF = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BslLightSourcePreset", "LightSourcePreset")
 NOT = ("GammaEnable", "LUTEnable", "ColorTransformationEnable", "AcquisitionFrameRateEnable")

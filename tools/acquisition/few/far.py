@@ -14,8 +14,8 @@ import numpy as np
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.acquisition.few.seen import Seen, Table
-from counterlight.tools.factoring.grid import Grid
-from counterlight.tools.transport.transport import Csr, FarLight, Shape, stacked
+from counterlight.tools.factoring.model import Grid
+from counterlight.tools.transport.transport import Csr, Dense, FarLight, Shape, stacked
 
 CELLS = 48  # approximate number of cells of the projector
 MOST_READ = 1 << 13  # pixels that one cell reads or lights: half of a texture's row (maps/row_map.py)
@@ -143,7 +143,7 @@ class Far:
         # M of a channel is the M of its own primary; the amount of far light comes from all primaries.
         far = np.einsum("nkl,nl->nk", light, self.total)
         textures = np.divide(far, self.around, out=np.zeros_like(far), where=self.around > 0)
-        return FarLight(stacked([D] * 3), mix, self.nodes.rows(np.maximum(textures, 0), count))
+        return FarLight(stacked([D] * 3), Dense(mix), self.nodes.rows(np.maximum(textures, 0), count))
 
 
 def likeliest(

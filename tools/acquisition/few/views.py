@@ -27,7 +27,7 @@ from counterlight.tools.acquisition.linearity import Bend
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import Noise, Reference
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight, crosstalk
-from counterlight.tools.transport.joining_cameras import seen_below
+from counterlight.tools.joining.cameras import seen_below
 from counterlight.tools.transport.transport import Transport
 
 

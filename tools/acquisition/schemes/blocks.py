@@ -16,7 +16,7 @@ from scipy import sparse
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.acquisition.plan import Pattern
-from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked
+from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transport, stacked
 
 Indices: TypeAlias = NDArray[np.int32] | IntArray
 
@@ -172,13 +172,13 @@ class Seen:
         fine = [part for part in parts if part.grid.side < cells.side]
         coarse = [part for part in parts if part.grid.side >= cells.side]
         spots = [_places(part, cells) for part in fine if part.grid.side == 1]
-        beside = np.unique(np.concatenate([*spots, np.zeros(0, np.int64)]))
+        adjacent = np.unique(np.concatenate([*spots, np.zeros(0, np.int64)]))
         near: list[BlockLight] = []
         for part in fine:
             if part.grid.side > _most_spread(projector):
                 close = np.zeros(part.camera.size, np.bool_)
             else:
-                close = np.isin(_places(part, cells), beside)
+                close = np.isin(_places(part, cells), adjacent)
             near.append(part.select(close))
             away = part.select(~close)
             coarse.append(BlockLight(cells, away.camera, _ancestor(away, cells), away.light))
@@ -272,7 +272,7 @@ def _far_light(sent: SparseRows, projector: tuple[int, int]) -> FarLight:
     place = np.zeros(sent.columns, np.int32)
     place[used] = np.arange(gathering, cells)
     U = replace(sent, indices=place[sent.indices], columns=cells)
-    return FarLight(stacked([D] * 3), np.stack([mix] * 3), U)
+    return FarLight(stacked([D] * 3), Dense(np.stack([mix] * 3)), U)
 
 
 def _readable(far: FarLight) -> FarLight:
@@ -290,12 +290,12 @@ def _readable(far: FarLight) -> FarLight:
     place = np.concatenate([[0], np.cumsum(parts)])[U.indices] + rank // MOST_READ
     mix = np.zeros((3, cells, cells))
     first = np.flatnonzero(np.diff(of, prepend=-1))  # gathering is not split: the first new cell takes it all
-    mix[:, :, first] = far.mix[:, of]
+    mix[:, :, first] = far.mix.matrices[:, of]
     D = far.gather
     lengths = np.zeros(cells, np.int64)
     lengths[first] = D.lengths
     gather = replace(D, indptr=np.concatenate([[0], np.cumsum(lengths)]))
-    return FarLight(gather, mix, replace(U, indices=place.astype(np.int32), columns=cells))
+    return FarLight(gather, Dense(mix), replace(U, indices=place.astype(np.int32), columns=cells))
 
 
 def _cell_shares(grid: BlockGrid, cells: BlockGrid) -> Csr:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.products import compiled
-from counterlight.maps.row_map import SparseRows, beside_each_other
+from counterlight.maps.row_map import SparseRows, next_to_each_other
 from counterlight.tools.acquisition.plan import Noise, Pattern
 from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, grids
 
@@ -52,7 +52,7 @@ class KnownLight:
         indices = (part.block + self._starts[part.grid.side]).astype(np.int32)
         light = part.light.astype(np.float32, copy=False)
         rows = SparseRows(np.concatenate([[0], np.cumsum(counts)]), indices, light, self._rows.columns)
-        self._rows = beside_each_other(replace(self._rows, columns=0), rows)  # the same columns
+        self._rows = next_to_each_other(replace(self._rows, columns=0), rows)  # the same columns
 
     def seen(self, pattern: Pattern) -> FloatArray:
         """Returns the settled light in the capture of a pattern, (camera pixels, 3)."""

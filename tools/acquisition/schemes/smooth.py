@@ -15,8 +15,7 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.acquisition.schemes.agreement import parts_of
 from counterlight.tools.acquisition.schemes.blocks import with_readable_far
 from counterlight.tools.factoring.factoring import grids_over, has_too_many_pixels
-from counterlight.tools.factoring.model import PEAK, Rows, fitted
-from counterlight.tools.factoring.near import split
+from counterlight.tools.factoring.model import PEAK, Rows, fitted, split
 from counterlight.tools.inverse.pictures import soft_picture
 from counterlight.tools.transport.transport import FarLight, Shape, Transport
 
@@ -55,12 +54,11 @@ class _Blocks(Rows):
     def known(self) -> tuple[FloatArray, FloatArray]:
         far, columns = self.transport.far, self.transport.shape[1]
         assert far is not None
-        U, sent = far.scatter, np.zeros((far.cells, 3))
+        U, sent = far.scatter, np.zeros((far.scatter.columns, 3))
         for part in parts_of(U.indices.size):
             for i in range(3):
-                sent[:, i] += np.bincount(U.indices[part], U.weights[part, i], far.cells)
-        mixed = np.stack([far.mix[i].T @ sent[:, i] for i in range(3)], axis=1)
-        return far.apply(np.ones((columns, 3))), far.gather.apply_transpose(mixed)
+                sent[:, i] += np.bincount(U.indices[part], U.weights[part, i], U.columns)
+        return far.apply(np.ones((columns, 3))), far.gather.apply_transpose(far.mix.apply_transpose(sent))
 
 
 def _lost(transport: Transport, blocks: FarLight, far: FarLight, projector: Shape) -> float:

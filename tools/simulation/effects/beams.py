@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
-from counterlight.tools.simulation.batch import Batch
 from counterlight.tools.simulation.geometry import Hits, trace
-from counterlight.tools.simulation.paths import Deposits, Rays
+from counterlight.tools.simulation.paths import Batch, Deposits, Rays
 from counterlight.tools.simulation.projector_side import pixel_flux
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.shapes.shape import Shape

@@ -14,7 +14,7 @@ from scipy import sparse
 from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.devices import Camera
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
+from counterlight.tools.transport.transport import Csr, Transport, channels, far_light_of
 
 MAX_CELLS = 1600
 REACH = 8  # halo radii; 0.3 % of the halo is further out
@@ -30,13 +30,13 @@ def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Tran
     collected = _collected(average, transport)
     far = transport.far
     if far is None:
-        bloomed = FarLight(stacked(collected), np.stack([halo] * 3), stacked([share * interpolate] * 3))
+        bloomed = far_light_of(collected, np.stack([halo] * 3), [share * interpolate] * 3)
     else:
         gathers, scatters = channels(far.gather), channels(far.scatter)
         gather = [Csr(sparse.vstack([D, own])) for D, own in zip(gathers, collected, strict=True)]
-        mix = [_stacked(M, halo @ (average @ U) @ M, halo) for M, U in zip(far.mix, scatters, strict=True)]
+        mix = [_stacked(M, halo @ (average @ U) @ M, halo) for M, U in zip(far.mix.matrices, scatters, strict=True)]
         scatter = [Csr(sparse.hstack([(1 - share) * U, share * interpolate])) for U in scatters]
-        bloomed = FarLight.from_matrices(gather, np.stack(mix), scatter)
+        bloomed = far_light_of(gather, np.stack(mix), scatter)
     spread_ambient = (1 - share) * ambient + share * (interpolate @ (halo @ (average @ ambient)))
     return replace(dimmed, far=bloomed), spread_ambient, share
 

@@ -5,7 +5,6 @@ have it; fewer at the picture's border. Cameras may also follow edges, which T c
 is A_k c_k, with a sparse A_k whose rows sum to 1. A A = A: interpolation leaves an interpolated picture unchanged.
 """
 
-from dataclasses import replace
 from functools import lru_cache, reduce
 from operator import add
 from typing import TypeAlias
@@ -30,13 +29,7 @@ def filtered(mosaic: str, transport: Transport, ambient: FloatArray) -> tuple[Tr
     """Returns A T and A e (camera pixels, 3), and the light that moved."""
     assert transport.camera is not None
     A = interpolation(mosaic, *transport.camera)
-    far, blurred = transport.far, transport.blurred
-    seen = replace(
-        transport,
-        near=_filtered(A, transport.near),
-        far=None if far is None else replace(far, scatter=_filtered(A, far.scatter)),
-        blurred=None if blurred is None else replace(blurred, scatter=_filtered(A, blurred.scatter)),
-    )
+    seen = transport.by_rows(lambda rows: _filtered(A, rows))
     moved = np.abs(seen.composition() - transport.composition()).sum() / 2
     return seen, interpolated(mosaic, ambient.reshape(*transport.camera, 3)).reshape(-1, 3), float(moved)
 

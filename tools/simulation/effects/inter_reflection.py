@@ -22,7 +22,7 @@ from counterlight.tools.simulation.paths import Deposits, Samples
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.surfaces import Surface
-from counterlight.tools.transport.transport import Csr, FarLight, stacked
+from counterlight.tools.transport.transport import Csr, Dense, FarLight, stacked
 
 ALBEDO_POINTS = 8  # points per axis and cell
 Entries = tuple[IntArray, IntArray, FloatArray]
@@ -47,7 +47,7 @@ class Exchange:
         return int(self.mix.shape[1])
 
     def far_light(self, scatter: SparseRows) -> FarLight:
-        return FarLight(self.gather, self.mix, scatter)
+        return FarLight(self.gather, Dense(self.mix), scatter)
 
 
 def prepare(scene: Scene, deposits: Iterable[Deposits]) -> Exchange:

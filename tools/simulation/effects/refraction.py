@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.tools.simulation.batch import joined
 from counterlight.tools.simulation.geometry import Hits
-from counterlight.tools.simulation.paths import Rays
+from counterlight.tools.simulation.paths import Rays, joined
 from counterlight.tools.simulation.scene import Scene
 
 if TYPE_CHECKING:

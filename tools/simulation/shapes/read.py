@@ -81,7 +81,7 @@ def _frame(table: Table, axis: Vector) -> tuple[Vector, Vector]:
 
 
 def _relief(table: Table, folder: Path, eye: Vector) -> Shape:
-    from counterlight.tools.simulation.shapes.relief import read_heights, relief
+    from counterlight.tools.simulation.shapes.triangles import read_heights, relief
 
     base = _plane(table, folder, eye)
     height = table.number("height", None, *SIZE)
@@ -110,7 +110,7 @@ def _grid(base: Parallelogram, detail: int) -> tuple[int, int]:
 
 
 def _lathe(table: Table, folder: Path, eye: Vector) -> Shape:
-    from counterlight.tools.simulation.shapes.lathe import turned
+    from counterlight.tools.simulation.shapes.triangles import turned
 
     axis = table.vector("axis", (0.0, 1.0, 0.0))
     profile: FloatArray = table.rows("profile", None, 2, -SIZE[1], SIZE[1])

@@ -4,13 +4,17 @@ Embree works in float32 and finds the triangle. The distance is then computed in
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
+from counterlight.files.picture_files import grey, read_picture
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.shapes.shape import Meeting
 
 START_GAP = 1e-4  # metres that a ray moves before it can meet a surface: float32 resolves points of a room to 1e-6
@@ -165,3 +169,56 @@ def _embree_scene(vertices: FloatArray, faces: IntArray) -> Any:
     scene = rtcore_scene.EmbreeScene()
     TriangleMesh(scene, vertices.astype(np.float32), faces.astype(np.int32))
     return scene
+
+
+def turned(
+    base: FloatArray, up: FloatArray, frame: tuple[FloatArray, FloatArray], profile: FloatArray, detail: int
+) -> Triangles:
+    """Turn a profile about an axis.
+
+    The outside lies to the right of the outline, drawn with the radius to the right and the height up. A solid is
+    therefore drawn from its bottom, up the outside, to its top. u runs around, v along the outline by its points.
+
+    profile : (n, 2). Radius and height, in order along the outline; closed if it starts and ends on the axis.
+    """
+    angle = 2 * np.pi * np.linspace(0, 1, detail + 1)
+    outwards = np.cos(angle)[:, None] * frame[0] + np.sin(angle)[:, None] * frame[1]
+    outwards[-1] = outwards[0]
+    points = base + profile[:, None, :1] * outwards[None] + profile[:, None, 1:] * up
+    closed = bool(profile[0, 0] == 0 and profile[-1, 0] == 0)
+    # ∂u × ∂v points outwards: u runs counterclockwise about the axis.
+    return over_grid(points, None, closed=closed, wraps=True)
+
+
+MAX_HEIGHTS = 1 << 26
+
+
+def relief(base: Parallelogram, heights: FloatArray, *, cut: bool) -> Triangles:
+    """Returns a surface with heights over a parallelogram.
+
+    heights : (rows, columns), metres above the base, row 0 at v = 0.
+    cut : omit the parts that do not rise above 0.
+    """
+    rows, columns = heights.shape
+    u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
+    points = base.at(u, v) + heights[..., None] * base.normal
+    keep = None
+    if cut:
+        keep = (heights[:-1, :-1] > 0) | (heights[:-1, 1:] > 0) | (heights[1:, :-1] > 0) | (heights[1:, 1:] > 0)
+    if np.cross(base.edge_u, base.edge_v) @ base.normal < 0:  # the grid's normals must agree with the base's normal
+        points = points[:, ::-1]
+        keep = None if keep is None else keep[:, ::-1]
+    return over_grid(points, keep, closed=False, wraps=False)
+
+
+def read_heights(path: Path, where: str, columns: int, rows: int) -> FloatArray:
+    """Read a grey picture as heights (rows, columns).
+
+    The picture has 8 or 16 bits, white is 1, black is 0, and its bottom row is at v = 0.
+    """
+    try:
+        picture = grey(read_picture(path, MAX_HEIGHTS, upright=True))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    heights = picture.astype(np.float64) / np.iinfo(picture.dtype).max
+    return np.asarray(cv2.resize(heights, (columns, rows), interpolation=cv2.INTER_AREA)[::-1], np.float64)

@@ -21,9 +21,9 @@ from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.study.questions.answers import CLOSE_DB, NEAR_DB, Answer, Question, cheapest, decibels
 from counterlight.tools.study.questions.place import MOST_PIXELS, Place, coarse
-from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.transport import Transport
 
 MOST_ACQUIRED = MOST_PIXELS // 2  # camera pixels; beyond, schemes of a thousand pictures take minutes

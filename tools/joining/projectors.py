@@ -26,10 +26,9 @@ from counterlight.raster import Region, side_by_side
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.colour.shared import colour_matrices
 from counterlight.tools.factoring.factoring import Factoring, factored
-from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
+from counterlight.tools.transport.transport import BlurredLight, Csr, Dense, FarLight, Transport, channels, stacked
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may include and another not.
 FRACTION_OF_BRIGHT = 0.005
@@ -181,9 +180,8 @@ def _join_far(lights: Sequence[FarLight | None], places: Sequence[NDArray[np.int
             found[same] = far, [Csr(D + more) for D, more in zip(found[same][1], gather, strict=True)]
     if not found:
         return None
-    joined, scatter = _side_by_side([gather for _, gather in found], [far.scatter for far, _ in found])
-    mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in found]).toarray() for i in range(3)])
-    return FarLight(joined, mix, scatter)
+    gathers, scatters = _next_to_each_other([gather for _, gather in found], [far.scatter for far, _ in found])
+    return FarLight(gathers, block_diagonal([far.mix for far, _ in found]), scatters)
 
 
 def _join_blurred(
@@ -191,25 +189,38 @@ def _join_blurred(
 ) -> BlurredLight | None:
     """Join the cells of all projectors."""
     parts = [(one, at) for one, at in zip(lights, places, strict=True) if one is not None]
+    if not parts:
+        return None
     gathers = [[_columns_at(P, at, columns) for P in channels(one.gather)] for one, at in parts]
-    return BlurredLight(*_side_by_side(gathers, [one.scatter for one, _ in parts])) if parts else None
+    gather, scatter = _next_to_each_other(gathers, [one.scatter for one, _ in parts])
+    return BlurredLight(gather, None, scatter)
 
 
-def _side_by_side(gathers: Sequence[Sequence[Csr]], scatters: Sequence[SparseRows]) -> tuple[SparseRows, SparseRows]:
+def _next_to_each_other(
+    gathers: Sequence[Sequence[Csr]], scatters: Sequence[SparseRows]
+) -> tuple[SparseRows, SparseRows]:
     """Stack gathers (one matrix per channel) below each other, and scatters next to each other."""
-    beside = zip(*(channels(scatter) for scatter in scatters), strict=True)
+    wide = zip(*(channels(scatter) for scatter in scatters), strict=True)
     return (
         stacked([Csr(sparse.vstack(each)) for each in zip(*gathers, strict=True)]),
-        stacked([Csr(sparse.hstack(each)) for each in beside]),
+        stacked([Csr(sparse.hstack(each)) for each in wide]),
     )
+
+
+def block_diagonal(mixes: Sequence[Dense]) -> Dense:
+    """Return M of separate cells."""
+    return Dense(np.stack([sparse.block_diag([mix.matrices[i] for mix in mixes]).toarray() for i in range(3)]))
 
 
 def _same_cells(far: FarLight, other: FarLight) -> bool:
     """Return whether two projectors share the same far light from the cells on."""
-    pairs = [(far.mix, other.mix)] + [
-        (getattr(far.scatter, name), getattr(other.scatter, name)) for name in ("indptr", "indices", "weights")
-    ]
-    return all(np.array_equal(one, another) for one, another in pairs)
+    return equal(far.mix, other.mix) and equal(far.scatter, other.scatter)
+
+
+def equal(one: SparseRows | Dense, other: SparseRows | Dense) -> bool:
+    """Return whether two matrices have the same entries, in the same order."""
+    pairs = zip(vars(one).values(), vars(other).values(), strict=True)
+    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _check_cameras(stored: Sequence[StoredCalibration]) -> None:

@@ -16,8 +16,8 @@ from counterlight.errors import InputError
 from counterlight.pipeline.views_together import check_views
 from counterlight.screen import Screen
 from counterlight.tools.factoring.factoring import factored
-from counterlight.tools.transport.joining_cameras import CameraOptions, check_projectors, joined_cameras
-from counterlight.tools.transport.shared_screen import Placed, brightened, scaled
+from counterlight.tools.joining.cameras import CameraOptions, check_projectors, joined_cameras
+from counterlight.tools.joining.shared_screen import Placed, brightened
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from counterlight.viewpoints import Places, folders_of, is_set, write_places
@@ -78,7 +78,7 @@ def on_shared_screen(
         gains = np.tile(gain, (room.camera.pixels, 1))
         own = Screen(screen.shape, (room.camera.shape,), screen.positions[part], gain[None])
         placed = replace(brightened(room, gains), name=name, projectors=whole.projectors, screen=own)
-        views.append((placed, scaled(transport, gains)))
+        views.append((placed, transport.scaled(gains)))
     return views, shared.placed
 
 

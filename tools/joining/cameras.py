@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device
@@ -23,11 +22,11 @@ from counterlight.response import Response
 from counterlight.screen import parts_of, raster_of
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import factored
-from counterlight.tools.hdr.response_table import NODES
-from counterlight.tools.transport.joining import with_monitors
-from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
+from counterlight.tools.hdr.camera_response import NODES
+from counterlight.tools.joining.projectors import block_diagonal, equal, with_monitors
+from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import Dense, FarLight, Transport
 
 MOST_APART = 0.02  # of white: allowed difference between the responses of one projector as measured by two cameras
 
@@ -177,8 +176,8 @@ def _rows_of_rooms(rooms: Sequence[Calibration], cameras: tuple[tuple[int, int],
 
 def _below(pictures: Sequence[NDArray[Any]], rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[Any]:
     """Arrange pictures of rooms in the joint raster; 0 outside cameras."""
-    beside = np.zeros((1, *pictures[0].shape[2:]), pictures[0].dtype)
-    flat = np.concatenate([*(each.reshape(-1, *each.shape[2:]) for each in pictures), beside])
+    dark = np.zeros((1, *pictures[0].shape[2:]), pictures[0].dtype)
+    flat = np.concatenate([*(each.reshape(-1, *each.shape[2:]) for each in pictures), dark])
     return np.asarray(flat[rows].reshape(*shape, *flat.shape[1:]))
 
 
@@ -212,24 +211,20 @@ def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarL
     parts = [transport.far or _none(transport) for transport in transports]
     if all(_same_cells(part, parts[0]) for part in parts[1:]):
         return replace(parts[0], scatter=_stacked([part.scatter for part in parts], [0] * len(parts)).at(rows))
-    starts = np.cumsum([0, *(part.cells for part in parts)])[:-1]
-    gathers = _stacked([part.gather for part in parts], [0] * len(parts))
-    gather = gathers.at(np.arange(sum(part.cells for part in parts)))
-    mix = np.stack([sparse.block_diag([part.mix[i] for part in parts]).toarray() for i in range(3)])
-    return FarLight(gather, mix, _stacked([part.scatter for part in parts], [int(start) for start in starts]).at(rows))
+    cells = [part.scatter.columns for part in parts]
+    gather = _stacked([part.gather for part in parts], [0] * len(parts)).at(np.arange(sum(cells)))
+    scatters = _stacked([part.scatter for part in parts], list(np.cumsum([0, *cells[:-1]])))
+    return FarLight(gather, block_diagonal([part.mix for part in parts]), scatters.at(rows))
 
 
 def _same_cells(part: FarLight, other: FarLight) -> bool:
     """Return whether two rooms share cells, as in one simulated room."""
-    pairs = [(part.mix, other.mix)] + [
-        (getattr(part.gather, name), getattr(other.gather, name)) for name in ("indptr", "indices", "weights")
-    ]
-    return all(np.array_equal(*pair) for pair in pairs)
+    return equal(part.mix, other.mix) and equal(part.gather, other.gather)
 
 
 def _none(transport: Transport) -> FarLight:
     """Return far light without cells."""
     nothing, weights = np.empty(0, np.int32), np.empty((0, 3), np.float32)
     camera, projector = transport.shape
-    empty = SparseRows(np.zeros(camera + 1, np.int64), nothing, weights, 0)
-    return FarLight(SparseRows(np.zeros(1, np.int64), nothing, weights, projector), np.zeros((3, 0, 0)), empty)
+    gather = SparseRows(np.zeros(1, np.int64), nothing, weights, projector)
+    return FarLight(gather, Dense(np.zeros((3, 0, 0))), SparseRows(np.zeros(camera + 1, np.int64), nothing, weights, 0))

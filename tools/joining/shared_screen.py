@@ -1,7 +1,9 @@
 """Finds where the pixels of several cameras look on one screen, and their relative brightness, from T alone.
 
 The screen is the view of one device, the first camera or the first projector, continued over places that only others
-see. Cameras are placed one after the other; the next camera is the one that shares most with those before.
+see. Cameras are placed one after the other; the next camera is the one that shares most with those before. Two cameras
+that see one projector pixel see one place of the room. Knowledge about one camera's pixels (place, brightness) is
+carried through its T to the projector pixels, and from there through the other camera's T.
 """
 
 from dataclasses import dataclass, replace
@@ -10,20 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.files.picture_files import MAX_SIDE
 from counterlight.memory import check
 from counterlight.screen import Screen, parts_of, raster_of
-from counterlight.tools.transport.smooth_field import smooth_field
-from counterlight.tools.transport.ties import BRIGHT_PERCENTILE, FAINTEST, carried
+from counterlight.tools.joining.smooth_field import smooth_field
 from counterlight.tools.transport.transport import Csr, Transport, luminance_matrix
 
 PIXEL_BYTES = 150  # memory per pixel of both rasters; 125 measured with ten projectors of 1920x1080
 FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
 NOISY = 1.5  # in multiples of the camera pixels that one projector pixel covers
 FARTHEST = 2.0  # in screens; the place of a pixel further out affects no picture
+REACH = 3.0  # times a footprint's usual radius; light further from its centre took another way through the room
+BRIGHT_PERCENTILE, FAINTEST = 95.0, 0.02  # below this share of the 95th percentile, light is too faint to locate
+WHOLE = 0.98  # share of a footprint that must be known, so that its centre is right
 MAD = 1.4826  # ratio of standard deviation to median absolute deviation of a normal distribution
 
 
@@ -224,17 +228,7 @@ class _Placing:
         each = np.stack([placed.gain for placed in sorted(self._placed, key=lambda placed: placed.number)])
         screen = Screen(shape, self._cameras, positions.reshape(*raster, 2).astype(np.float32), each)
         calibration = brightened(self._calibration, gains)
-        return SharedRoom(replace(calibration, screen=screen), scaled(self._transport, gains), tuple(self._placed))
-
-
-def scaled(transport: Transport, gains: FloatArray) -> Transport:
-    """Multiply each camera pixel's light by its gain, (camera pixels, 3)."""
-    far = transport.far
-    return replace(
-        transport,
-        near=transport.near.scaled(gains),
-        far=None if far is None else replace(far, scatter=far.scatter.scaled(gains)),
-    )
+        return SharedRoom(replace(calibration, screen=screen), self._transport.scaled(gains), tuple(self._placed))
 
 
 def brightened(calibration: Calibration, gains: FloatArray) -> Calibration:
@@ -266,3 +260,63 @@ def _untied(numbers: list[int], most: int) -> str:
         f"at least {FEWEST}; let views overlap, add a camera between them, or take --screen projector if one projector "
         "lights what all see"
     )
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Values carried through T.
+
+    values : (receivers, n). Undefined where not `known`.
+    known : (receivers,) bool.
+    """
+
+    values: FloatArray
+    known: BoolArray
+
+
+def carried(T: Csr, width: int, values: FloatArray, known: BoolArray) -> Carried:
+    """Return the mean over each receiver's main footprint, weighted by light.
+
+    The main footprint lies around its centre, found from its brightest entry; glass and mirrors add others.
+
+    T : (receivers, givers). Luminance.
+    width : width of the givers' picture.
+    values : (givers, n).
+    known : (givers,).
+    """
+    count = T.shape[0]
+    rows = np.repeat(np.arange(count), np.diff(T.indptr))
+    light, place = T.data.astype(np.float64), np.stack(np.divmod(T.indices.astype(np.int64), width), axis=1)
+    inside = _main_footprint(rows, place, light, count)
+    rows, given, light = rows[inside], T.indices[inside], light[inside]
+    total = np.bincount(rows, light, count)
+    told = np.where(known[given], light, 0)
+    heard = np.bincount(rows, told, count)
+    sums = np.stack([np.bincount(rows, told * np.where(known, each, 0)[given], count) for each in values.T], axis=1)
+    lit = total > FAINTEST * np.percentile(total[total > 0], BRIGHT_PERCENTILE) if total.any() else total > 0
+    means = np.divide(sums, heard[:, None], out=np.zeros_like(sums), where=heard[:, None] > 0)
+    return Carried(means, lit & (heard >= WHOLE * total))
+
+
+def _main_footprint(rows: IntArray, place: IntArray, light: FloatArray, count: int) -> BoolArray:
+    """Return the entries around the centre of their row's brightest spot, (entries,) bool."""
+    most = np.zeros(count)
+    np.maximum.at(most, rows, light)
+    brightest = np.flatnonzero((light == most[rows]) & (light > 0))
+    found, first = np.unique(rows[brightest], return_index=True)
+    middle = np.zeros((count, 2))
+    middle[found] = place[brightest[first]]
+    away = _squared(place - middle[rows])
+    usual = np.sqrt(np.bincount(rows, light * away, count)[found] / np.bincount(rows, light, count)[found])
+    reach = 1 + REACH * float(np.median(usual)) if found.size else 1.0
+    near = np.where(away <= reach**2, light, 0)
+    total = np.bincount(rows, near, count)
+    for axis in range(2):
+        middle[:, axis] = np.divide(
+            np.bincount(rows, near * place[:, axis], count), total, where=total > 0, out=middle[:, axis]
+        )
+    return np.asarray(_squared(place - middle[rows]) <= reach**2)
+
+
+def _squared(offsets: NDArray[np.floating]) -> FloatArray:
+    return np.asarray((offsets**2).sum(axis=1))
