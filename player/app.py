@@ -19,7 +19,6 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
-from counterlight.show.beside import checks_of, in_step_of, lamps_of
 from counterlight.show.command_line import read_options
 from counterlight.show.compiling import compile_passes
 from counterlight.show.control import ControlServer, Remote
@@ -28,18 +27,19 @@ from counterlight.show.from_options import (
     backend_of,
     check_of,
     governor_of,
-    image_display_duration,
     monitors_of,
     path_of,
+    playing_of,
     room_of,
 )
 from counterlight.show.media import Media
 from counterlight.show.options import OPTIONS, WITHOUT_COMPENSATION
 from counterlight.show.playlist import Playlist, files_of
+from counterlight.show.polled import checks_of, in_step_of, lamps_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.schedule_file import ScheduleFile
-from counterlight.show.session import Session
+from counterlight.show.session import NO_SOUND, Session, Showing, Sound
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
@@ -184,7 +184,7 @@ def play_in_window(
             remotes=remotes,
             heartbeat=heartbeat,
             checks=checks_of(options),
-            beside=in_step_of(options, session, stack),
+            polled=in_step_of(options, session, stack),
             lamps=lamps_of(options, stack),
             on_interrupt=lambda stats: None if options.stats is None else stats.write(options.stats),
         )
@@ -280,9 +280,9 @@ def _session(
     commanded : whether a remote may continue the show.
     """
     made = _renderer_for(options, window)
-    audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
-    if audio is not None:
-        stack.callback(audio.close)
+    sound = Sound(*open_audio(options.volume, mute=options.mute)) if options.audio else NO_SOUND
+    if sound.output is not None:
+        stack.callback(sound.output.close)
 
     def renewed(fresh: Room) -> AnyRenderer:
         """Return a renderer of the reloaded room. The window reloads its shader if everything is intact."""
@@ -300,25 +300,14 @@ def _session(
         made(room),
         window,
         RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
-        view=options.view,
-        compensation=options.compensation,
         governor=governor_of(options, room, room.default_steps),
+        playing=playing_of(options),
+        showing=Showing(options.view, options.compensation, adjustments, options.blackout, options.osd),
+        sound=sound,
         appraised=options.stats is not None,
-        adjustments=adjustments,
         lasting=options.lasting or commanded,
-        loop_file=options.loop and len(options.media) == 1,
-        speed=options.speed,
-        start_s=options.start,
-        image_display_duration=image_display_duration(options),
-        keep_open=options.keep_open,
-        fade_s=options.fade,
-        crossfade_s=options.crossfade,
-        blackout=options.blackout,
-        osd=options.osd,
         unattended=options.supervised,
         screenshots=options.screenshot_directory,
-        audio=audio,
-        silence=silence,
     )
 
 

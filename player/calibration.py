@@ -51,9 +51,9 @@ REBUILD = (
 
 @dataclass(frozen=True)
 class Device(Raster):
-    """A projector or a camera: its size in pixels and, for a projector, its response.
+    """A projector or a camera: its size in pixels and its response.
 
-    response : code value -> light, of a projector.
+    response : code value -> light.
     monitor : name of the projector's monitor, if it is known.
     colour : (3, 3), ≥ 0, rows of sum 1, so that grey stays grey. Converts a drive of the primaries that all projectors
         of a raster share into a drive of the projector's own primaries. None if its own primaries are used.
@@ -312,7 +312,9 @@ def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
 
 
 def _cameras_to_toml(calibration: Calibration) -> dict[str, Any]:
-    cameras = [{"width": width, "height": height} for height, width in calibration.cameras]
+    response = calibration.camera.response
+    curve = {} if response == Response("linear") else {"response": response.to_toml()}
+    cameras = [{"width": width, "height": height, **curve} for height, width in calibration.cameras]
     if calibration.screen is None:
         return {"camera": cameras[0]}
     height, width = calibration.screen.shape
@@ -325,18 +327,19 @@ def _read_cameras(table: Table, files: DescribedFiles) -> tuple[Device, Screen |
     if "cameras" not in table:
         return _read_device(table.table("camera")), None
     entries = table.tables("cameras", MOST_CAMERAS)
-    cameras = tuple(_read_device(entry).shape for entry in entries)
+    cameras = [_read_device(entry) for entry in entries]
     gains = np.stack([entry.numbers("gain", 3, (1.0,) * 3, *GAIN) for entry in entries])
-    raster = Device(*raster_of(cameras), Response("linear"))
-    return raster, read_screen(table.table("screen"), files, cameras, gains, REBUILD)
+    shapes = tuple(camera.shape for camera in cameras)
+    raster = Device(*raster_of(shapes), cameras[0].response)
+    return raster, read_screen(table.table("screen"), files, shapes, gains, REBUILD)
 
 
 def _projector_to_toml(projector: Device) -> dict[str, Any]:
     response = projector.response
     table: dict[str, Any] = {"width": projector.width, "height": projector.height, "response": response.to_toml()}
     segment = None if response.segment is None else [list(row) for row in response.segment.samples]
-    beside = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
-    return table | {name: value for name, value in beside.items() if value is not None}
+    optional = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
+    return table | {name: value for name, value in optional.items() if value is not None}
 
 
 def _read_projector(table: Table) -> Device:

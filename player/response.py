@@ -65,7 +65,7 @@ class WhiteSegment:
                 "primaries rise"
             )
 
-    def beside(self, darkest: NDArray[np.floating]) -> NDArray[np.float64]:
+    def added(self, darkest: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return s(m): (…) -> (…, 3)."""
         return np.stack([np.interp(darkest, self._levels, column) for column in np.array(self.samples).T], axis=-1)
 
@@ -78,7 +78,7 @@ class WhiteSegment:
         at = np.linspace(0, 1, TABLE_SIZE) ** 2
         whole = self._levels[:, None] + np.array(self.samples)
         darkest = np.stack([np.interp(at, column, self._levels) for column in whole.T], axis=-1)
-        return np.stack([darkest, self.beside(at)]).astype(np.float32)
+        return np.stack([darkest, self.added(at)]).astype(np.float32)
 
     @property
     def _levels(self) -> NDArray[np.float64]:
@@ -115,7 +115,7 @@ class Response:
     def to_linear(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the linear light of code values; the last axis is the channel. White segments make white exceed 1."""
         light = self._primaries(codes)
-        return light if self.segment is None else light + self.segment.beside(light.min(axis=-1))
+        return light if self.segment is None else light + self.segment.added(light.min(axis=-1))
 
     def _primaries(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the light of the curves alone."""
@@ -190,7 +190,7 @@ class RasterResponse:
             for number in np.unique(each):
                 segment, own = self._distinct[number][0].segment, (row, each == number)
                 if segment is not None:
-                    drive[own] += segment.beside(drive[own].min(axis=-1))
+                    drive[own] += segment.added(drive[own].min(axis=-1))
             if inverse is not None:
                 drive[row] = np.einsum("xkl,yxl->yxk", inverse[each], drive[row])
         return drive

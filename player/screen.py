@@ -127,7 +127,7 @@ def read_screen(
     """
     height, width = (table.integer(key, None, 2, MAX_SIDE) for key in ("height", "width"))
     with files.opened(files.folder / FILE) as file:
-        positions = exr.read_beside(file, CHANNELS, exr.sized(raster_of(cameras), "the cameras' raster", fix))
+        positions = exr.read_stacked(file, CHANNELS, exr.sized(raster_of(cameras), "the cameras' raster", fix))
     try:
         return Screen((height, width), cameras, positions.astype(np.float32, copy=False), gains)
     except InputError as error:

@@ -176,23 +176,26 @@ def write_room(folder: Path) -> None:
 
 def write_films(folder: Path, frames: int) -> list[Path]:
     """Write one flat film per level."""
-    films = [folder / f"{name}.mkv" for name in LEVELS]
-    for film, level in zip(films, LEVELS.values(), strict=True):
-        with av.open(str(film), "w") as container:
-            stream = container.add_stream("ffv1", rate=25)
-            stream.width, stream.height, stream.pix_fmt = 64, 48, "bgr0"
-            for _ in range(frames):
-                picture = np.full((48, 64, 3), (0, level, 0), np.uint8)
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-            container.mux(stream.encode(None))
-    return films
+    return [write_film(folder / f"{name}.mkv", [level] * frames) for name, level in LEVELS.items()]
+
+
+def write_film(path: Path, levels: list[int]) -> Path:
+    """Write a film of flat frames, one per level of green."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "bgr0"
+        for level in levels:
+            picture = np.full((48, 64, 3), (0, level, 0), np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+    return path
 
 
 @contextmanager
 def theatre(folder: Path, manager: str) -> Iterator[str]:
     """Start a magenta desktop of two monitors (desk, projector) under a window manager; yield its DISPLAY."""
     with ExitStack() as stack:
-        display = stack.enter_context(screens.two_monitors(folder, PROJECTOR))
+        display = stack.enter_context(screens.two_monitors(folder, second=PROJECTOR))
         subprocess.run(["xsetroot", "-solid", DESKTOP], check=True, env=_alone(display, folder))
         if manager != "none":
             stack.enter_context(managed(display, folder, manager))

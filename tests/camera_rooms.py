@@ -12,7 +12,7 @@ from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
-from tests.programs import succeed
+from tests.programs import here
 
 PROJECTOR = (27, 48)
 FIRST, SECOND = (36, 50), (32, 44)  # (height, width) of the cameras
@@ -121,7 +121,7 @@ def write_pairs(folder: Path, gain: tuple[float, float, float] = (1, 1, 1)) -> l
     pairs = []
     for views in zip(*alone, strict=True):
         pairs.append(folder / f"{views[0].name} pair")
-        succeed("join", *views, "-o", pairs[-1])
+        here("join", *views, "-o", pairs[-1])
     return pairs
 
 

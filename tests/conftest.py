@@ -112,6 +112,7 @@ def gl_context() -> Iterator[moderngl.Context]:
         assert error == "GL_NO_ERROR"
         assert after == before, "OpenGL objects were not released"
         gc.collect()  # moderngl needs the context to drop its objects
+    gc.freeze()  # what is left stays; the next collection need not visit it
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from tests import warm_start
 
 # Variables that no module reads at import. A change to any other variable needs a new interpreter.
 LATE = {"DISPLAY", "WAYLAND_DISPLAY", "HOME", "PATH", "TMPDIR", "NOTIFY_SOCKET", "PYTEST_CURRENT_TEST"}
+LATE |= {"__EGL_VENDOR_LIBRARY_DIRS"}  # read when the first OpenGL context is made
 ERRORS = 2  # descriptor of standard error, which a process may share with this one
 
 
@@ -49,10 +50,14 @@ def read_early(variables: Mapping[str, str]) -> bool:
 class Copy:
     """Process with the part of subprocess.Popen's interface that tests use; text through pipes."""
 
-    def __init__(self, words: list[str], variables: Mapping[str, str], folder: Path, errors: int | None) -> None:
+    def __init__(
+        self, words: list[str], variables: Mapping[str, str], folder: Path, errors: int | None, given: int = 0
+    ) -> None:
         """Start a copy.
 
+        words : a script, -m MODULE or -c CODE, and its arguments.
         errors : a descriptor, PIPE, or None for this process's standard error.
+        given : descriptor of its standard input.
         """
         self.args, self.returncode = words, None
         self.stdout: TextIO
@@ -64,7 +69,7 @@ class Copy:
             self.stderr, errors = _pipe()
             theirs.append(errors)
         asked = warm_start.request_here(words, dict(variables), folder)
-        socket.send_fds(_warm()[0], [asked], [0, output, ERRORS if errors is None else errors, reply])
+        socket.send_fds(_warm()[0], [asked], [given, output, ERRORS if errors is None else errors, reply])
         for descriptor in theirs:
             os.close(descriptor)
         self._replies = replies

@@ -15,7 +15,7 @@ from Xlib.error import BadDrawable, BadWindow
 from Xlib.ext import xtest
 
 from counterlight.pipeline.room import read_room
-from tests.programs import PATIENCE_S, on, running, succeed, verb
+from tests.programs import PATIENCE_S, here, on, running, verb
 
 Box = tuple[int, int, int, int]  # left, top, width, height
 
@@ -37,7 +37,7 @@ def expected_picture(
     """Render the same view headless, RGB, with a window's number of steps for a still picture."""
     if "--refine" not in options:
         options = *options, "--refine", str(read_room(room, None).default_steps)
-    succeed("play", room, medium, *how, "--output", tmp_path / "expected.png", *options)
+    here("play", room, medium, *how, "--output", tmp_path / "expected.png", *options)
     return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
 
 

@@ -1,6 +1,7 @@
 """Faults at every step of writing to disk, for tests and campaigns: kills, refusals, full disks.
 
-A runner imports the function's module once and forks for every run, so that hundreds of runs take seconds:
+A runner is a copy of the warm interpreter (warm_start.py) that forks for every run, so that hundreds of runs take
+seconds:
 
     with Runner() as runner:
         run = runner.run("counterlight.tools.build_correction_map:main", [[str(room)]], Fault(at=17))
@@ -29,7 +30,7 @@ from typing import Any, Self
 
 from counterlight.errors import InputError
 from counterlight.writing import disk
-from tests.warm_start import import_all
+from tests.copies import Copy
 
 ROOT = Path(__file__).resolve().parents[1]
 STEPS = ("mkdir", "rename", "replace", "unlink", "remove", "rmdir", "fsync", "ftruncate", "pwrite")
@@ -76,9 +77,10 @@ class Runner:
     """Runs functions (`module:name`, arguments as JSON) in forks of one process."""
 
     def __init__(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.faults"], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        given, requests = os.pipe()
+        self._requests = os.fdopen(requests, "w")
+        self._process = Copy(["-m", "tests.faults"], os.environ, ROOT, None, given)
+        os.close(given)
 
     def __enter__(self) -> Self:
         return self
@@ -86,17 +88,12 @@ class Runner:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.close()
-        self._process.wait()
-        self._process.stdout.close()
+        self._requests.close()
+        self._process.communicate()
 
     def run(self, function: str, arguments: Sequence[Any], fault: Fault | None = None) -> Run:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
         request = {"function": function, "arguments": list(arguments), "fault": asdict(fault or Fault())}
-        print(json.dumps(request), file=self._process.stdin, flush=True)
+        print(json.dumps(request), file=self._requests, flush=True)
         answer = self._process.stdout.readline()
         assert answer, "the runner has ended"
         return Run(**json.loads(answer))
@@ -164,8 +161,7 @@ def _writes(file: Any, mode: str = "r", *_: Any, **__: Any) -> bool:
 
 
 def _serve() -> None:
-    """Fork for every request and reports how the fork ended."""
-    import_all()  # imports write files, too, which must not count as steps
+    """Fork for every request and report how the fork ended."""
     for line in sys.stdin:
         request = json.loads(line)
         module, _, name = request["function"].partition(":")

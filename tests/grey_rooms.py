@@ -32,5 +32,5 @@ class GreyRoom(NamedTuple):
 def shipped_in_green(name: str, camera: tuple[int, int], projector: tuple[int, int]) -> GreyRoom:
     """Green channel of a shipped room, with near and far light in one matrix."""
     room = cl.simulate(name, camera=camera, projector=projector)
-    T = channel(in_one(room.transport), 1).astype(np.float64)
+    T = channel(in_one(room.parts), 1).astype(np.float64)
     return GreyRoom(name, T, room.camera, room.projector, float(np.median(room.ambient[..., 1])))

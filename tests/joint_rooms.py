@@ -15,7 +15,7 @@ from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
-from tests.programs import succeed
+from tests.programs import here
 from tests.rooms import blurred_transport
 
 CAMERA = (33, 60)
@@ -79,5 +79,5 @@ def lit_by(scenes: Sequence[Scene]) -> tuple[Calibration, Transport]:
 
 
 def join(rooms: list[Path], output: Path, *options: object) -> Path:
-    succeed("join", *rooms, "-o", output, *options)
+    here("join", *rooms, "-o", output, *options)
     return output

@@ -1,6 +1,7 @@
 """Programs as a user runs them: whole commands, and processes that continue while a test observes them."""
 
 import contextlib
+import io
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from counterlight.tools import verbs
 from tests.copies import Copy, read_early
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -49,6 +51,14 @@ def succeed(name: str, *arguments: object, **environment: str) -> str:
     return done.stdout
 
 
+def here(name: str, *arguments: object) -> str:
+    """Run a verb in this process, where its code is loaded already, and return its output."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert verbs.main([name, *map(str, arguments)]) == 0
+    return output.getvalue()
+
+
 def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:
     """Run a command that must be refused, and return its only line of error output."""
     done = command(name, *arguments, **environment)
@@ -81,13 +91,18 @@ def started(
     folder: Path | None = None,
     errors: int | None = subprocess.PIPE,
 ) -> Iterator[subprocess.Popen[str]]:
-    """Start a verb as a copy of the warm interpreter (warm_start.py); start any other program in a new process."""
+    """Start a verb, `python -m` or `python -c` as a copy of the warm interpreter (warm_start.py).
+
+    Any other program starts in a new process.
+    """
     variables = os.environ | environment
     process: Any
-    if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):
+    of_python = words[0] == sys.executable and words[1] in ("-m", "-c")
+    warm = of_python or words[0] == script("counterlight")
+    if not warm or "FRESH" in os.environ or read_early(variables):
         process = subprocess.Popen(words, env=variables, cwd=folder, stdout=subprocess.PIPE, stderr=errors, text=True)
     else:
-        process = Copy(words, variables, folder or Path.cwd(), errors)
+        process = Copy(words[of_python:], variables, folder or Path.cwd(), errors)
     try:
         yield process
     finally:

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 START_S = 30.0  # an idle machine needs one second
+KNOWN_MODES = "1280x720", "1024x768"  # of the dummy driver
 TWO_MONITORS = """
 Section "ServerFlags"
   Option "AutoAddDevices" "false"
@@ -58,22 +59,24 @@ def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str =
 
 
 @contextmanager
-def two_monitors(folder: Path, second: tuple[int, int] = (1024, 768)) -> Iterator[str]:
-    """Run Xorg with DUMMY0 1280x720 at 0,0 (primary) and DUMMY1 at 1280,0; yield its DISPLAY.
+def two_monitors(
+    folder: Path, first: tuple[int, int] = (1280, 720), second: tuple[int, int] = (1024, 768)
+) -> Iterator[str]:
+    """Run Xorg with DUMMY0 (primary) and DUMMY1 to its right; yield its DISPLAY.
 
-    second : (width, height) of DUMMY1.
+    first, second : (width, height) of DUMMY0 and DUMMY1.
     """
     config = folder / "two-monitors.conf"
     config.write_text(TWO_MONITORS)
     command = ["Xorg", "-config", str(config), "-logfile", str(folder / "xorg.0.log")]
     with _server(command, folder / "xorg.log") as display:
-        _xrandr(display, "--output", "DUMMY0", "--mode", "1280x720", "--pos", "0x0", "--primary")
-        width, height = second
-        mode, lines = f"{width}x{height}", (width, width, width, width, height, height, height, height)
-        if second != (1024, 768):  # the server knows this mode
-            _xrandr(display, "--newmode", mode, "25", *(str(line + 8 * (n % 4)) for n, line in enumerate(lines)))
-        _xrandr(display, "--addmode", "DUMMY1", mode)
-        _xrandr(display, "--output", "DUMMY1", "--mode", mode, "--pos", "1280x0")
+        places = ("DUMMY0", first, ("0x0", "--primary")), ("DUMMY1", second, (f"{first[0]}x0",))
+        for output, (width, height), place in places:
+            mode, lines = f"{width}x{height}", (width, width, width, width, height, height, height, height)
+            if mode not in KNOWN_MODES:
+                _xrandr(display, "--newmode", mode, "25", *(str(line + 8 * (n % 4)) for n, line in enumerate(lines)))
+            _xrandr(display, "--addmode", output, mode)
+            _xrandr(display, "--output", output, "--mode", mode, "--pos", *place)
         _xrandr(display)  # a full query, without which GLFW reads a cached list with one monitor
         yield display
 

@@ -1,7 +1,7 @@
 """Session with fakes around it: clock, reader, renderer and display."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +20,7 @@ from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.show.governor import Governor
 from counterlight.show.playlist import Playlist, is_list, read_list
 from counterlight.show.registry import Commands
-from counterlight.show.session import Session
+from counterlight.show.session import Playing, Session, Showing, Sound
 from counterlight.show.show import Show
 from counterlight.viewpoints import Viewpoint
 
@@ -220,6 +220,11 @@ class Stage:
         self.outside: Callable[[Viewpoint], str | None] = lambda viewpoint: None
         told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat", "checks") if name in options}
         governed = {name: options.pop(name) for name in GOVERNED if name in options}
+        groups: dict[str, Any] = {"playing": Playing, "showing": Showing}
+        grouped = {
+            group: made(**{each.name: options.pop(each.name) for each in fields(made) if each.name in options})
+            for group, made in groups.items()
+        }
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),
             self,
@@ -228,6 +233,8 @@ class Stage:
             self,  # type: ignore[arg-type]
             clock=self.clock,
             governor=Governor(options.pop("usual", 0), **governed),
+            sound=Sound(options.pop("audio", None), options.pop("silence", None)),
+            **grouped,
             **options,
         )
         self.show = Show(self.session, **told)

@@ -117,7 +117,7 @@ def test_killed_at_any_step_the_rooms_are_whole_and_the_next_run_ends_the_same(t
     command = "counterlight.tools.acquire_transport:main", [[*arguments_of(room, output), "--force"]]
     steps = runner.run(*command).steps
     found = []
-    for at in (*range(1, steps - 160, 300), *range(steps - 160, steps + 1, 40)):
+    for at in (*range(1, steps - 160, 600), *range(steps - 160, steps + 1, 40)):
         for name in ("out", "out.captures", "out.report"):
             shutil.rmtree(tmp_path / name)
             shutil.copytree(tmp_path / "kept" / name, tmp_path / name)

@@ -20,7 +20,7 @@ from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import channel
 from tests.camera_rooms import write_pairs
 from tests.joint_rooms import LEFT, OVERLAP, RIGHT, join, write_halves
-from tests.programs import fail, succeed
+from tests.programs import fail, here
 from tests.test_acquisition import same_files, unfinished
 
 FAINT = "--full-well", "1e6", "--exposures", "1"
@@ -42,7 +42,7 @@ def truth(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def acquired(truth: Path) -> Path:
     folder = truth.parent / "acquired"
-    succeed("acquire", "--camera", f"simulated:{truth}", *FAINT, "-o", folder)
+    here("acquire", "--camera", f"simulated:{truth}", *FAINT, "-o", folder)
     return folder
 
 
@@ -85,7 +85,7 @@ def test_an_interrupted_one_goes_on_where_it_stopped(truth: Path, acquired: Path
         if int(path.stem) >= left:
             path.unlink()
     words = "acquire", "--camera", f"simulated:{truth}", *FAINT, "--name", "acquired", "-o", tmp_path / "again"
-    printed = succeed(*words)
+    printed = here(*words)
     resumed = sum(map(int, re.findall(r"exposures, (\d+) of them from before", printed)))
     assert resumed == left
     same_files(tmp_path / "again", acquired)
@@ -100,13 +100,13 @@ def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, t
     assert found is not None, line
     stored, mask = calibration.read(truth), calibration.read(acquired).calibration.mask
     inside, edge = slice(OVERLAP.start + 2, OVERLAP.stop - 2), 3  # columns
-    succeed("build", acquired)
+    here("build", acquired)
     cv2.imwrite(str(tmp_path / "black.png"), np.zeros((20, 40, 3), np.uint8))
     stripes = []
     for level in ("0", found[3]):
         drive = tmp_path / f"{level}.exr"
         words = "--black-level", level, "--refine", "8", "--backend", "cpu", "--output", drive
-        succeed("play", acquired, tmp_path / "black.png", *words)
+        here("play", acquired, tmp_path / "black.png", *words)
         light = read_transport(stored) @ exr.read_rgb(drive).astype(np.float64) + stored.calibration.ambient
         columns = np.ma.median(np.ma.array(light[..., 1], mask=~mask), axis=0)
         stripes.append(columns[inside].mean() - columns[edge : OVERLAP.start - 2].mean())
@@ -128,9 +128,9 @@ def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
     """Acquiring gives the room that joining exact projectors, then cameras, gives."""
     pairs = write_pairs(tmp_path, gain=(0.9, 1.0, 1.2))
     truth, found = tmp_path / "truth", tmp_path / "found"
-    succeed("join", *pairs, "--cameras", "-o", truth)
+    here("join", *pairs, "--cameras", "-o", truth)
     cameras = [part for pair in pairs for part in ("--camera", f"simulated:{pair}")]
-    said = succeed("acquire", *cameras, *FAINT, "-o", found)
+    said = here("acquire", *cameras, *FAINT, "-o", found)
     assert re.search(r"camera 2: \d+ of its pixels see what is on the screen already; its light times 1\.1", said)
     exact, measured = (calibration.read(each) for each in (truth, found))
     room, expected = measured.calibration, exact.calibration

@@ -1,14 +1,9 @@
 """Acquisition of T in simulated rooms: interruptions, folders, bad captures, end to end."""
 
 import filecmp
-import os
 import re
 import resource
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -65,7 +60,7 @@ from tests.acquired_rooms import (
     shown_by,
 )
 from tests.faults import no_file_above
-from tests.programs import succeed
+from tests.programs import here, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 
 FIRST = 2 * REPEATS + 2 * SHOTS  # black, floodlight, and a picture and its complement
@@ -96,30 +91,20 @@ def same_files(one: Path, other: Path) -> None:
 
 def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random.Generator) -> None:
     room = small_room(tmp_path / "room", rng)
-    words = [
-        sys.executable,
-        "-m",
-        "counterlight.tools.acquire_transport",
-        "--camera",
-        f"simulated:{room}",
-        "--name",
-        "twin",
-    ]
-    succeed("acquire", *words[3:], "-o", tmp_path / "undisturbed")
+    words = "--camera", f"simulated:{room}", "--name", "twin"
+    here("acquire", *words, "-o", tmp_path / "undisturbed")
     captures, output = tmp_path / "killed.captures", tmp_path / "killed"
     for wanted in (3, 40):
-        process = subprocess.Popen([*words, "-o", str(output)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        while process.poll() is None and len(list((captures / "captures").glob("0*.png"))) < wanted:
-            time.sleep(0.002)
-        os.kill(process.pid, signal.SIGKILL)
-        process.communicate()
+        with running(*verb("acquire"), *words, "-o", output) as process:
+            last = captures / "captures" / f"{wanted - 1:05}.png"
+            wait_until(last.exists, "captures", process, every_s=0.005)
         assert not output.exists()
         whole = sorted((captures / "captures").glob("0*.png"))
         assert len(whole) >= wanted
         assert [path.stem for path in whole] == [f"{number:05}" for number in range(len(whole))]
         same = tmp_path / "undisturbed.captures" / "captures"
         assert all(filecmp.cmp(path, same / path.name, shallow=False) for path in whole)
-    printed = succeed("acquire", *words[3:], "-o", output)
+    printed = succeed("acquire", *words, "-o", output)
     assert f"{len(whole)} of them from before" in printed
     same_files(output, tmp_path / "undisturbed")
     same_files(captures / "captures", tmp_path / "undisturbed.captures" / "captures")
@@ -161,7 +146,7 @@ def test_a_full_disk_stops_in_one_line_and_resumes(
 def test_repeated_shots_are_kept_one_by_one_and_resumed_bit_identical(tmp_path: Path, rng: np.random.Generator) -> None:
     room = small_room(tmp_path / "room", rng)
     arguments = ["--camera", f"simulated:{room}", "--scheme", "graycode", "--shots", "3", "--name", "twin"]
-    printed = succeed("acquire", *arguments, "-o", tmp_path / "undisturbed")
+    printed = here("acquire", *arguments, "-o", tmp_path / "undisturbed")
     pictures, exposures = map(int, re.search(r"(\d+) pictures, (\d+) exposures", printed).groups())  # type: ignore[union-attr]
     assert exposures == 3 * pictures
     captures = tmp_path / "undisturbed.captures" / "captures"
@@ -171,7 +156,7 @@ def test_repeated_shots_are_kept_one_by_one_and_resumed_bit_identical(tmp_path: 
     for path in (tmp_path / "torn.captures" / "captures").iterdir():
         if path.stem == "00005_2" or int(path.stem[:5]) > 5:  # killed before the last shot of capture 5 was written
             path.unlink()
-    printed = succeed("acquire", *arguments, "-o", tmp_path / "torn")
+    printed = here("acquire", *arguments, "-o", tmp_path / "torn")
     assert "5 of them from before" in printed
     same_files(tmp_path / "torn", tmp_path / "undisturbed")
     same_files(tmp_path / "torn.captures" / "captures", captures)
@@ -238,7 +223,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
 ) -> None:
     room = small_room(tmp_path / "room", rng)
     # A folder camera also takes one shot, because its captures have no known pace.
-    succeed("acquire", "--camera", f"simulated:{room}", "--shots", "1", "-o", tmp_path / "direct")
+    here("acquire", "--camera", f"simulated:{room}", "--shots", "1", "-o", tmp_path / "direct")
     eye = SimulatedCamera(simulated_rooms(room)[0], CameraSettings())
     exchange = tmp_path / "exchange"
     arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21"]
@@ -424,8 +409,8 @@ def seen_through_truth(folder: Path, desired: np.ndarray, truth: Transport, room
 @pytest.mark.parametrize("scheme", ["hierarchical", "multiplexed"])
 def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: Path, scheme: str) -> None:
     scene = small_scene(tmp_path, "wall")
-    succeed("simulate", scene, "-o", tmp_path / "true")
-    printed = succeed("acquire", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired")
+    here("simulate", scene, "-o", tmp_path / "true")
+    printed = here("acquire", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired")
     said = r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"
     for pattern in (*said, r"light outside: [\d.]+ % of the projector's light"):
         assert re.search(pattern, printed)

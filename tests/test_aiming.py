@@ -88,7 +88,7 @@ def test_the_preview_goes_where_the_projector_is_not() -> None:
     assert preview_monitor([desk, beamer], ["HDMI-1"]) == desk
     assert preview_monitor([desk, beamer], ["0"]) == beamer
     assert preview_monitor([desk], []) == desk
-    with pytest.raises(InputError, match="--preview needs a monitor beside the projector's"):
+    with pytest.raises(InputError, match="--preview needs a monitor besides the projector's"):
         preview_monitor([desk, beamer], ["HDMI-1", "DP-1"])
 
 

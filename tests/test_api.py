@@ -1,12 +1,14 @@
 """The Python API: docs/api.md runs as printed, agrees with independent programs, and imports cheaply."""
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scipy import sparse
@@ -47,7 +49,7 @@ def test_the_page_runs_as_it_is_printed(tmp_path: Path, monkeypatch: pytest.Monk
     rng = np.random.default_rng(3)
     write_png(tmp_path / "frame.png", rng.integers(30, 200, (60, 100, 3)).astype(np.uint8))
     blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, "docs/api.md", "exec"), names)
@@ -73,11 +75,11 @@ def test_a_room_of_matrices_is_what_scipy_says(room: cl.Room, matrices: list[spa
 @pytest.mark.parametrize(
     ("shape", "complaint"),
     [
-        ((14, 9, 3), r"shape \(14, 9, 3\), expected \(9, 14, 3\) or \(126, 3\); width and height are swapped"),
+        ((14, 9, 3), r"shape \(14, 9, 3\), expected \(9, 14, 3\); width and height are swapped"),
         ((6, 21, 3), r"shape \(6, 21, 3\), expected \(9, 14, 3\)"),
         ((9, 14), r"shape \(9, 14\), expected \(9, 14, 3\)"),
         ((1, 9, 14, 3), r"shape \(1, 9, 14, 3\), expected"),
-        ((125, 3), r"shape \(125, 3\), expected"),
+        ((126, 3), r"shape \(126, 3\), expected \(9, 14, 3\); or a flattened picture \(378,\)"),
         ((), r"shape \(\), expected"),
     ],
 )
@@ -85,14 +87,16 @@ def test_light_of_another_shape_is_told(room: cl.Room, shape: tuple[int, ...], c
     for T in (room.transport, room.transport.T.T):
         with pytest.raises(InputError, match=complaint):
             T @ np.ones(shape)
-    with pytest.raises(InputError, match=r"shape \(16, 12, 3\), expected \(12, 16, 3\) .*swapped"):
+    with pytest.raises(InputError, match=r"shape \(16, 12, 3\), expected \(12, 16, 3\); .*swapped"):
         room.transport.T @ np.ones((16, 12, 3))
 
 
 def test_light_is_floating_point(room: cl.Room) -> None:
-    for codes in (np.ones((9, 14, 3), np.uint8), np.ones((126, 3), int), np.ones((9, 14, 3), complex)):
-        with pytest.raises(InputError, match=r"light as .*, expected linear light in floating point"):
+    for codes in (np.ones((9, 14, 3), np.uint8), np.ones(378, int), np.ones((378, 2), int)):
+        with pytest.raises(InputError, match=r"light as u?int.*, expected linear light in floating point"):
             room.transport @ codes
+    with pytest.raises(TypeError, match=r"light: complex128 of shape .*, expected an array of real numbers"):
+        room.transport @ np.ones((9, 14, 3), complex)
     lit = np.zeros((9, 14, 3), bool)
     lit[3:5] = True
     np.testing.assert_array_equal(room.transport @ lit, room.transport @ lit.astype(float))
@@ -102,7 +106,7 @@ def test_light_is_floating_point(room: cl.Room) -> None:
 def test_the_box_solution_is_scipys(room: cl.Room) -> None:
     picture = np.random.default_rng(7).random((12, 16, 3))
     found = cl.solve(room, picture, white=0.4)
-    objective = objective_of(room.transport, room.calibration, DEFAULT_AIMS)
+    objective = objective_of(room.parts, room.calibration, DEFAULT_AIMS)
     b, drive = (0.4 * picture - room.ambient).reshape(-1, 3), found.drive.reshape(-1, 3)
     for i in range(3):
         # the solver proves 1e-4 relative to the optimum
@@ -150,6 +154,7 @@ def test_maps_from_memory_are_those_of_the_command(room: cl.Room, tmp_path: Path
         ({"mask": np.linspace(0, 1, 192).reshape(12, 16)}, "mask of float64 with many values"),
         ({"mask": np.full((12, 16), np.nan)}, "mask of float64 with many values"),
         ({"mask": np.zeros((12, 16), bool)}, "mask: no camera pixel counts"),
+        ({"primaries": [np.ones((12, 16, 3)), np.ones(3)]}, r"shape \(2, 12, 16, 3\) and \(2, 3\), expected \(3, 12, "),
         ({"primaries": np.ones((12, 16, 3))}, r"primaries of shape \(12, 16, 3\), expected \(3, 12, 16, 3\)"),
         ({"response": "gamma"}, "response"),
         ({"camera": (0, 192)}, "camera height=0: expected 1 to"),
@@ -247,6 +252,70 @@ class Tensor:
 
     def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
         return self._values
+
+
+class Exporter:
+    """Array of a library that knows DLPack only, as tensors on a processor do."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self._values = values
+
+    def __dlpack__(self, **options: object) -> object:
+        return self._values.__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return self._values.__dlpack_device__()
+
+
+class OnGpu(Exporter):
+    def __dlpack__(self, **options: object) -> object:
+        raise BufferError("the tensor is on a GPU; copy it with .cpu()")
+
+
+@pytest.mark.parametrize("kind", [Exporter, Tensor])
+def test_arrays_of_other_libraries_are_taken_everywhere(
+    kind: type[Exporter | Tensor], matrices: list[sparse.csr_array], room: cl.Room
+) -> None:
+    rng = np.random.default_rng(21)
+    given = GIVEN | {"factor": 0}
+    light = {
+        "ambient": rng.random((12, 16, 3)),
+        "mask": rng.random((12, 16)) < 0.9,
+        "primaries": rng.random((3, 12, 16, 3)),
+    }
+    dense = [T.toarray() for T in matrices]
+    expected = cl.Room.from_matrices(*dense, **given, **light)
+    exported = {name: kind(values) for name, values in light.items()}
+    for primaries in (exported["primaries"], [kind(each) for each in light["primaries"]]):
+        found = cl.Room.from_matrices(*map(kind, dense), **given, **(exported | {"primaries": primaries}))
+        np.testing.assert_array_equal(found.ambient, expected.ambient)
+        np.testing.assert_array_equal(found.mask, expected.mask)
+        np.testing.assert_array_equal(found.calibration.primaries, expected.calibration.primaries)
+        np.testing.assert_array_equal(found.transport.to_csr().toarray(), expected.transport.to_csr().toarray())
+    p = rng.random((9, 14, 3), np.float32)
+    for values in (p, p.ravel()):
+        seen = room.transport @ kind(values)
+        assert type(seen) is np.ndarray
+        np.testing.assert_array_equal(seen, room.transport @ values)
+    np.testing.assert_array_equal(room.seen(kind(p)), room.seen(p))
+    for picture in (CODES, rng.random((12, 16, 3))):
+        found = cl.solve(room, kind(picture), "direct")
+        np.testing.assert_array_equal(found.drive, cl.solve(room, picture, "direct").drive)
+
+
+def test_a_tensor_elsewhere_is_refused_with_its_librarys_advice(room: cl.Room) -> None:
+    elsewhere = OnGpu(np.ones((12, 16, 3)))
+    for take in (lambda: cl.solve(room, elsewhere), lambda: room.transport.T @ elsewhere):
+        with pytest.raises(
+            TypeError, match=r"OnGpu is no array of numbers \(the tensor is on a GPU; copy it with .cpu"
+        ):
+            take()
+
+
+def test_tensors_of_torch_are_taken(room: cl.Room) -> None:
+    torch = pytest.importorskip("torch")
+    p = torch.rand((9, 14, 3))
+    np.testing.assert_array_equal(room.transport @ p, room.transport @ p.numpy())
 
 
 @pytest.mark.parametrize("codes", [CODES, 257 * CODES.astype(np.uint16), (200 * CODES.astype(np.uint16)).astype(">u2")])
@@ -393,10 +462,10 @@ def test_maps_and_rooms_belong_together(room: cl.Room, maps: RoomMaps, tmp_path:
         (lambda room: room.write("/proc/room"), "/proc/room"),
         (lambda room: room.write(None), "folder=None: expected a path"),
         (
-            lambda room: cl.Room(room.calibration, cl.simulate("wall", camera=(9, 9), projector=(8, 8)).transport),
+            lambda room: cl.Room(room.calibration, cl.simulate("wall", camera=(9, 9), projector=(8, 8)).parts),
             "is for",
         ),
-        (lambda room: cl.Room(3, room.transport), "calibration: expected Calibration, found int"),
+        (lambda room: cl.Room(3, room.parts), "calibration: expected Calibration, found int"),
     ],
 )
 def test_errors_are_in_terms_of_the_call(room: cl.Room, call: Callable[[cl.Room], object], complaint: str) -> None:
@@ -427,7 +496,7 @@ def reached(thing: object, found: dict[int, object]) -> dict[int, object]:
 def test_whatever_it_returns_is_one_line(room: cl.Room, maps: RoomMaps) -> None:
     dense = cl.simulate("corner", camera=(12, 16), projector=(9, 14))
     table = replace(room.calibration.projector, response=parse_response(np.linspace(0, 1, 500).tolist()))
-    measured = cl.Room(replace(room.calibration, projectors=(table,)), room.transport)
+    measured = cl.Room(replace(room.calibration, projectors=(table,)), room.parts)
     everything: dict[int, object] = {}
     for each in (room, maps, dense, measured, cl.build_maps(dense), cl.solve(room, 0.5, "direct"), room.tier):
         reached(each, everything)
@@ -450,9 +519,40 @@ def test_whatever_it_returns_is_one_line(room: cl.Room, maps: RoomMaps) -> None:
     for each in everything.values():
         assert len(repr(each)) <= 400, type(each)
         assert "\n" not in repr(each), type(each)
-    for each, *sizes in ((room, "(12, 16)", "(9, 14)"), (maps, "(12, 16)", "(9, 14)"), (room.transport, "(192, 126)")):
+    for each, *sizes in (
+        (room, "(12, 16)", "(9, 14)"),
+        (maps, "(12, 16)", "(9, 14)"),
+        (room.transport, "(12, 16, 3)", "(9, 14, 3)"),
+        (room.parts, "(192, 126)"),
+    ):
         assert len(repr(each)) <= 200
         assert all(size in repr(each) for size in sizes)
+
+
+def test_plots_show_rooms_maps_and_errors(room: cl.Room, maps: RoomMaps, tmp_path: Path) -> None:
+    found = cl.solve(room, np.full((12, 16, 3), 0.5), "direct")
+    np.testing.assert_allclose(found.error, (found.seen - 0.5 * room.white) / room.white, atol=1e-12)
+    drawn = {each: each.plot() for each in (room, found)} | {repr(maps): maps.plot()}
+    for number, figure in enumerate(drawn.values()):
+        figure.savefig(tmp_path / f"{number}.png")
+        assert cv2.imread(str(tmp_path / f"{number}.png")).std() > 10
+        assert figure._repr_png_().startswith(b"\x89PNG")
+    titles = {axes.get_title(): axes.images[0] for figure in drawn.values() for axes in figure.axes if axes.get_title()}
+    error = 100 * (found.error @ [0.2126, 0.7152, 0.0722])
+    np.testing.assert_allclose(titles["error of luminance, % of white"].get_array(), error, atol=1e-9)
+    low, high = titles["error of luminance, % of white"].get_clim()
+    assert low == -high
+    lengths = titles["entries of near light per camera pixel"].get_array()
+    assert lengths.sum() == room.parts.near.indices.size
+    np.testing.assert_array_equal(titles["entries of T per camera pixel"].get_array(), lengths)
+    assert titles["full light"].get_array().shape == (12, 16, 3)
+    assert "camera (12, 16)" in figure.get_suptitle()
+
+
+def test_plots_without_matplotlib_are_refused(room: cl.Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(InputError, match=r"matplotlib, which is not installed; .* 'counterlight\[study\]'"):
+        room.plot()
 
 
 def test_the_namespace_is_the_api() -> None:

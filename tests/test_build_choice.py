@@ -113,7 +113,7 @@ def test_damping_of_a_large_picture_is_chosen_on_squares(monkeypatch: pytest.Mon
     T, mask = blurred_transport(np.random.default_rng(3), camera, projector, 0.7), np.ones(camera, bool)
     whole = choose_damping(T, 0.5, mask)
     monkeypatch.setattr("counterlight.tools.inverse.damping.SMALL", 100)
-    monkeypatch.setattr("counterlight.tools.inverse.squares.SIDE", 30)
+    monkeypatch.setattr("counterlight.tools.inverse.pictures.SIDE", 30)
     found = choose_damping(T, 0.5, mask)
     assert found.damping == whole.damping
     assert found.errors != whole.errors

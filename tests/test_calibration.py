@@ -41,6 +41,13 @@ def test_round_trip(folder: Path, room: Calibration) -> None:
         assert file.read() == b"matrix"
 
 
+def test_the_curve_of_the_camera_is_kept(tmp_path: Path, room: Calibration) -> None:
+    curve = Response("table", table=((0.0,), (0.2,), (1.0,)))
+    with calibration.writing(tmp_path / "room", replace(room, camera=Device(9, 13, curve))):
+        pass
+    assert calibration.read(tmp_path / "room").calibration.camera == Device(9, 13, curve)
+
+
 def test_floodlights_of_the_primaries_are_kept(tmp_path: Path, room: Calibration, rng: np.random.Generator) -> None:
     light = rng.uniform(0, 1, (3, 9, 13, 3)).astype(np.float32)
     with calibration.writing(tmp_path / "room", replace(room, primaries=light)):

@@ -15,7 +15,7 @@ SCRIPT = """
 import counterlight.maps.products
 import atexit, json, multiprocessing.process, os, resource, signal, sys, tempfile, threading
 print(json.dumps({
-    "name": __name__, "file": __file__, "words": sys.argv, "path": sys.path, "flags": list(sys.flags),
+    "name": __name__, "file": globals().get("__file__"), "words": sys.argv, "path": sys.path, "flags": list(sys.flags),
     "folder": [os.getcwd(), multiprocessing.process.ORIGINAL_DIR], "temporary": tempfile.gettempdir(),
     "environment": dict(os.environ), "open": [n for n in range(99) if os.path.exists(f"/proc/self/fd/{n}")],
     "umask": os.umask(0), "limit": resource.getrlimit(resource.RLIMIT_CORE), "threads": threading.active_count(),
@@ -30,18 +30,15 @@ sys.exit(int(sys.argv[1]))
 """
 
 
-@pytest.fixture
-def script(tmp_path: Path) -> str:
+@pytest.mark.parametrize("program", [["FOLDER/script.py"], ["-m", "script"], ["-c", SCRIPT]], ids=["", "-m", "-c"])
+def test_a_copy_finds_what_a_program_started_anew_finds(program: list[str], tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
-    return str(tmp_path / "script.py")
-
-
-def test_a_copy_finds_what_a_program_started_anew_finds(script: str, tmp_path: Path) -> None:
+    program = [word.replace("FOLDER", str(tmp_path)) for word in program]
     variables = os.environ | {"TMPDIR": str(tmp_path), "XDG_CONFIG_HOME": "elsewhere"}
     assert not read_early(variables)
-    copy = Copy([script, "7", "ü"], variables, tmp_path, subprocess.PIPE)
+    copy = Copy([*program, "7", "ü"], variables, tmp_path, subprocess.PIPE)
     found, errors = copy.communicate(timeout=60)
-    words = [sys.executable, script, "7", "ü"]
+    words = [sys.executable, *program, "7", "ü"]
     anew = subprocess.run(words, env=variables, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert json.loads(found) == json.loads(anew.stdout)
     assert (errors, copy.returncode, copy.wait()) == (anew.stderr, 7, 7)
@@ -58,6 +55,23 @@ def test_a_copy_that_is_killed_says_so_and_its_text_is_there(tmp_path: Path) -> 
     assert copy.communicate() == copy.communicate() == ("", None)
     assert copy.returncode == -signal.SIGKILL
     copy.kill()  # no process, whichever has this number now
+
+
+LOOP = """
+import numpy as np
+from counterlight.pipeline import compiled
+loaded = len(compiled.combined.signatures)
+out, one = np.zeros((2, 6), np.float32), np.ones((2, 6), np.float32)
+compiled.combined(np.float32(2), one, np.float32(3), one, False, out)
+print(loaded, out.sum())
+"""
+
+
+def test_a_copy_has_what_others_have_compiled_and_runs_its_loops(tmp_path: Path) -> None:
+    for loaded in ("01", "1"):  # the first may have to compile it
+        copy = Copy(["-c", LOOP], os.environ, tmp_path, None)
+        found, _ = copy.communicate(timeout=60)
+        assert (found[0] in loaded, found[1:], copy.returncode) == (True, " 60.0\n", 0)
 
 
 def test_what_is_read_during_import_needs_a_new_interpreter() -> None:

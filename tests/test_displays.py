@@ -18,12 +18,12 @@ from counterlight.response import Response
 from counterlight.show.command_line import read_options
 from counterlight.show.from_options import monitors_of, room_of
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import Conditions, InverseOptions, invert_near_light
 from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
-from tests.programs import fail, succeed
+from tests.programs import fail, here
 from tests.scenes import SCENES
 
 POSITION = "position = [0.6, 0.2, 2.1]"  # the projector of the scene `wall`
@@ -43,7 +43,7 @@ def simulated(folder: Path, scene: str, old: str, new: str, *sizes: str) -> list
         (folder / f"{name}.toml").write_text(described)
         rooms.append(folder / name)
         sized = "--camera", "48x27", "--projector", size
-        succeed("simulate", folder / f"{name}.toml", "-o", rooms[-1], *sized)
+        here("simulate", folder / f"{name}.toml", "-o", rooms[-1], *sized)
     return rooms
 
 
@@ -84,7 +84,7 @@ def test_a_projector_beside_its_copy_gives_half_of_the_light(
     def rows(transport: Transport, shape: tuple[int, int]) -> np.ndarray:
         regions = [Region(left, 0, 44, 30) for left in range(0, shape[1], 44)]
         reach = np.ones((mask.size, 3))
-        found = invert_near_light(transport.near, mask, shape, reach, 1.0, options, regions)
+        found = invert_near_light(transport.near, mask, shape, reach, 1.0, options, Conditions(regions))
         return channels(found.T_pinv)[1].toarray().reshape(*shape, mask.size)
 
     alone, together = rows(single, shape), rows(twice, (shape[0], 2 * shape[1]))
@@ -108,11 +108,11 @@ def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path)
     exr.write_rgb(tmp_path / "wanted.exr", wanted.astype(np.float32))
     reached = {}
     for one in stored:
-        succeed("build", one.folder, "--regularize", "0.03")
+        here("build", one.folder, "--regularize", "0.03")
         for refine in ("0", "8"):
             drive_path = tmp_path / "drive.exr"
             options = "--white", white, "--refine", refine, "--output", drive_path
-            succeed("play", one.folder, tmp_path / "wanted.exr", *options)
+            here("play", one.folder, tmp_path / "wanted.exr", *options)
             drive = exr.read_rgb(drive_path).astype(np.float64)
             seen = read_transport(one).apply(drive.reshape(-1, 3)).reshape(27, 48, 3) + one.calibration.ambient
             reached[one.folder.name, refine] = psnr(float(np.mean(((seen - wanted)[overlap] / white) ** 2)))
@@ -167,11 +167,11 @@ def test_each_projector_keeps_its_own_response(tmp_path: Path) -> None:
     joint = join(write_halves(tmp_path, right_response="linear"), tmp_path / "joint")
     room = calibration.read(joint).calibration
     assert [device.response.kind for device in room.projectors] == ["srgb", "linear"]
-    succeed("build", joint, "--regularize", "0.1", "--no-refine")
+    here("build", joint, "--regularize", "0.1", "--no-refine")
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((*CAMERA, 3), 120, np.uint8))
     shown = "--dither", "none", "--output"
-    succeed("play", joint, tmp_path / "grey.png", *shown, tmp_path / "codes.png")
-    succeed("play", joint, tmp_path / "grey.png", *shown, tmp_path / "drive.exr")
+    here("play", joint, tmp_path / "grey.png", *shown, tmp_path / "codes.png")
+    here("play", joint, tmp_path / "grey.png", *shown, tmp_path / "drive.exr")
     codes, drive = cv2.imread(str(tmp_path / "codes.png"))[..., ::-1] / 255, exr.read_rgb(tmp_path / "drive.exr")
     for device, own, meant in zip(
         room.projectors, pictures(codes, room.regions), pictures(drive, room.regions), strict=True
@@ -211,9 +211,9 @@ def test_a_raster_too_wide_for_a_picture_goes_on_below() -> None:
 
 def test_a_file_holds_the_raster(tmp_path: Path) -> None:
     joint = join(write_halves(tmp_path), tmp_path / "joint")
-    succeed("build", joint, "--regularize", "0.1")
+    here("build", joint, "--regularize", "0.1")
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((*CAMERA, 3), 120, np.uint8))
-    succeed("play", joint, tmp_path / "grey.png", "--output", tmp_path / "raster.png")
+    here("play", joint, tmp_path / "grey.png", "--output", tmp_path / "raster.png")
     raster = cv2.imread(str(tmp_path / "raster.png"))
     assert raster.shape == (LEFT[0], LEFT[1] + RIGHT[1], 3)
     assert raster[RIGHT[0] :, LEFT[1] :].max() == 0
@@ -224,12 +224,12 @@ def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
     """A raster of the same size with other regions is refused, because the windows cannot change."""
     left, right = write_halves(tmp_path)
     room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
-    succeed("build", room, *options)
+    here("build", room, *options)
     parsed = read_options([str(room), "a.png", "--no-config"], "")
     read = partial(room_of, parsed)
     in_use = RoomInUse(room, read(), read, lambda fresh: pytest.fail("a renderer was made"))
     join([right, left], room, "--force")
-    succeed("build", room, *options)
+    here("build", room, *options)
     with pytest.raises(InputError, match=r"size is now 36x26 \+ 44x30, was 44x30 \+ 36x26; start the player again"):
         in_use.reload()
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,22 +11,13 @@ from counterlight.command import BAD_INPUT, DONE
 from counterlight.gl.context import PACKAGES
 from counterlight.tools import check_machine, system_packages
 from counterlight.tools.system_packages import Part
+from tests.programs import command
 
-ROOT = Path(__file__).resolve().parents[1]
-TIMEOUT_S = 180.0
 NO_SCREEN = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
 
 
-def doctor(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "counterlight.tools.check_machine", *arguments]
-    environment = {**os.environ, **variables}
-    return subprocess.run(
-        command, capture_output=True, text=True, cwd=ROOT, env=environment, timeout=TIMEOUT_S, check=False
-    )
-
-
 def test_a_machine_without_a_screen_is_ready_to_render_headless() -> None:
-    outcome = doctor(**NO_SCREEN)
+    outcome = command("doctor", **NO_SCREEN)
     assert outcome.returncode == DONE, outcome.stdout
     assert outcome.stderr == ""
     assert "ready: the player can run here" in outcome.stdout
@@ -36,7 +26,7 @@ def test_a_machine_without_a_screen_is_ready_to_render_headless() -> None:
 
 
 def test_every_part_of_the_machine_is_reported(xvfb: str) -> None:
-    outcome = doctor("--json", **NO_SCREEN | {"DISPLAY": xvfb})
+    outcome = command("doctor", "--json", **NO_SCREEN | {"DISPLAY": xvfb})
     report = json.loads(outcome.stdout)
     states = {finding["subject"]: finding["state"] for finding in report["findings"]}
     assert report["ready"] is True
@@ -51,13 +41,13 @@ def test_every_part_of_the_machine_is_reported(xvfb: str) -> None:
 
 
 def test_both_monitors_are_reported(two_monitors: str) -> None:
-    report = doctor(**NO_SCREEN | {"DISPLAY": two_monitors}).stdout
+    report = command("doctor", **NO_SCREEN | {"DISPLAY": two_monitors}).stdout
     assert "monitor: 0 DUMMY0 (1280x720 at 0,0," in report
     assert "monitor: 1 DUMMY1 (1024x768 at 1280,0," in report
 
 
 def test_without_opengl_the_doctor_names_the_fix(tmp_path: Path) -> None:
-    outcome = doctor(**NO_SCREEN, __EGL_VENDOR_LIBRARY_DIRS=str(tmp_path))
+    outcome = command("doctor", **NO_SCREEN, __EGL_VENDOR_LIBRARY_DIRS=str(tmp_path))
     assert outcome.returncode == BAD_INPUT
     assert outcome.stderr == ""
     lines = outcome.stdout.splitlines()
@@ -69,7 +59,7 @@ def test_without_opengl_the_doctor_names_the_fix(tmp_path: Path) -> None:
 def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_path: Path) -> None:
     hidden = tmp_path / "sitecustomize.py"
     hidden.write_text("import sys\nsys.modules |= {'OpenEXR': None, 'tqdm': None}\n")  # like a broken installation
-    outcome = doctor("--json", **NO_SCREEN, PYTHONPATH=str(tmp_path))
+    outcome = command("doctor", "--json", **NO_SCREEN, PYTHONPATH=str(tmp_path))
     assert outcome.returncode == BAD_INPUT
     findings = {finding["subject"]: finding for finding in json.loads(outcome.stdout)["findings"]}
     assert {findings[name]["state"] for name in ("OpenEXR", "OpenEXR files", "tqdm")} == {"missing"}
@@ -86,7 +76,7 @@ def test_what_only_some_cameras_need_is_a_note_with_its_fix(
 
 
 def test_wrong_use_is_one_line() -> None:
-    outcome = doctor("--colour")
+    outcome = command("doctor", "--colour")
     assert outcome.returncode == BAD_INPUT
     assert outcome.stderr.splitlines() == [
         "error: counterlight doctor: unrecognized arguments: --colour; see counterlight doctor --help"

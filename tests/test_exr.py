@@ -69,7 +69,7 @@ def test_plain_files_are_exact_for_us_and_for_the_library(
     strided = {name: picture[..., i] for i, name in enumerate("RGBA")}
     exr.write_plain(tmp_path / "p.exr", strided)
     seen: list[np.ndarray] = []
-    found = exr.read_beside(tmp_path / "p.exr", ("R", "G", "B", "A"), look=lambda rows: seen.append(rows.copy()))
+    found = exr.read_stacked(tmp_path / "p.exr", ("R", "G", "B", "A"), look=lambda rows: seen.append(rows.copy()))
     assert found.tobytes() == picture.tobytes() == np.concatenate(seen).tobytes()
     assert len(seen) == {1: 7, 100: 7, 1 << 20: 1}[piece]
     with OpenEXR.File(str(tmp_path / "p.exr"), separate_channels=True) as file:
@@ -77,7 +77,7 @@ def test_plain_files_are_exact_for_us_and_for_the_library(
             assert file.channels()[name].pixels.tobytes() == channel.tobytes()
     counts = rng.integers(0, 1 << 32, (3, 4), dtype=np.uint32)
     exr.write_plain(tmp_path / "n.exr", {"N": counts})
-    np.testing.assert_array_equal(exr.read_beside(tmp_path / "n.exr", ("N",))[..., 0], counts)
+    np.testing.assert_array_equal(exr.read_stacked(tmp_path / "n.exr", ("N",))[..., 0], counts)
 
 
 def test_plain_files_that_others_wrote_are_read_the_same(tmp_path: Path, rng: np.random.Generator) -> None:

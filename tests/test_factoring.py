@@ -397,6 +397,6 @@ def test_python_factors_too(corner: Transport) -> None:
     room, whole = (
         cl.Room.from_matrices(*matrices, **sizes, response="linear", factor=factor) for factor in (TOLERANCE, 0)
     )
-    assert room.transport.far is not None
-    assert whole.transport.far is None
+    assert room.parts.far is not None
+    assert whole.parts.far is None
     np.testing.assert_allclose(room.floodlight, whole.floodlight, rtol=FLOAT32)

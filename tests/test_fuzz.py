@@ -12,15 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests import test_solve
 from tests.faults import Run, Runner
-from tests.fuzz.__main__ import KINDS
+from tests.fuzz.__main__ import KINDS, main
 from tests.fuzz.bench import KILLED, Bench, Blow
 from tests.fuzz.calls import Rules, calls_of, watched
 from tests.fuzz.names import Ground, draw_name
+from tests.fuzz.solvers import PROPERTIES, Solvers
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import CRASHED, GREEDY, HUNG, LEFT, MOST_BYTES, READ, REFUSED, WRONG, Plan, Trial
 from tests.fuzz.warden import Case, FileCampaign
-from tests.programs import ROOT
+from tests.one_channel import Found
 
 SEED = 7
 
@@ -91,6 +93,14 @@ def test_a_seed_gives_the_same_inputs(tmp_path: Path) -> None:
         assert len({str(drawn) for drawn in first}) > 5
 
 
+def test_a_solver_that_finds_nothing_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    plan = Plan(SEED, 3 * len(PROPERTIES), tmp_path, tmp_path)
+    assert Solvers().run(plan).verdicts == {READ: plan.count}
+    monkeypatch.setattr(test_solve, "solve", lambda _, system: Found(np.zeros(system.shape[1]), ()))
+    wrong = {finding["index"] % len(PROPERTIES) for finding in Solvers().run(plan).findings}
+    assert wrong == {0, 1, 3, 4, 5}  # number 2 holds for any drive
+
+
 DOES = {
     "writes": "open('{out}/new', 'w')",
     "reads": "open('{out}/secret').read()",
@@ -151,11 +161,10 @@ def test_the_bench_sees_what_a_struck_command_does(kind: str, bench: Bench) -> N
         assert bench.trial("fit", Blow("not struck", partial(bench.run, "fit"), (0,))).verdict == READ
 
 
-def test_the_command_lists_the_campaigns_and_refuses_others() -> None:
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        words = (sys.executable, "-m", "tests.fuzz", *words)
-        return subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
-
-    listed = run("--help").stdout
+def test_the_command_lists_the_campaigns_and_refuses_others(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--help"])
+    listed = capsys.readouterr().out
     assert all(f"  {kind.name}" in listed and kind.purpose in listed for kind in KINDS)
-    assert run("nothing").returncode == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["nothing"])

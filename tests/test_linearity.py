@@ -1,21 +1,16 @@
 """Linear cameras pass. Other cameras stop with advice, for every file type."""
 
-from collections.abc import Callable
-from pathlib import Path
-
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools import acquire_transport
-from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
-from counterlight.tools.acquisition.linearity import SHOTS, bend_of, halves_of
+from counterlight.tools.acquisition.linearity import bend_of, halves_of
 from counterlight.tools.acquisition.memory import MemoryStore
-from counterlight.tools.acquisition.plan import REPEATS, Noise, Picture, Reference, codes_of
+from counterlight.tools.acquisition.plan import REPEATS, Noise, Reference
 from tests.rig.files import Stored
 from tests.rig.rig import Devices, Rig
 from tests.rig.sensor import Sensor
@@ -28,6 +23,11 @@ BENT = (
     Stored("srgb", quality=92), Stored("srgb"), Stored("srgb", bits=16), Stored("srgb, then S", quality=92),
     Stored("S"), Stored("weak S", quality=92), Stored(1.3, quality=92), Stored(1 / 1.3),
 )  # fmt: skip
+
+
+def storing(stored: Stored) -> RigCamera:
+    """Return the rig's camera, which stores its captures as `stored` does."""
+    return RigCamera(Rig(small_room("wall"), Devices(stored=stored)))
 
 
 def rig_of(room: str, electrons: float = 20000.0, black: float = 0.01) -> Rig:
@@ -105,66 +105,8 @@ def test_half_of_the_picture_is_lit_in_cells_of_all_sizes(shape: tuple[int, int]
         assert 0.1 < changes[0] < changes[1] < changes[2] < 0.6
 
 
-class StoringCamera(RigCamera):
-    """The rig's camera, which stores its captures as `stored` does."""
-
-    def __init__(self, rig: Rig, stored: Stored) -> None:
-        super().__init__(rig)
-        self._stored = stored
-
-    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
-        return (self._stored.codes(self._rig.photograph(codes_of(picture), number)),)
-
-
 def test_pictures_first_stop_as_well() -> None:
-    rig = rig_of("wall")
-    for stored in (Stored(bits=16), Stored()):
-        camera = StoringCamera(rig, stored)
-        acquire_pictures(camera, MemoryStore(camera.exposures), 24, [rig.raster])
-    for stored in (Stored("srgb", bits=16), Stored("S")):
-        camera = StoringCamera(rig, stored)
-        with pytest.raises(InputError, match="light does not add up in the captures: half and half"):
-            acquire_pictures(camera, MemoryStore(camera.exposures), 24, [rig.raster])
-
-
-def photographed(exchange: Path, stored: Callable[[NDArray[np.uint8]], bytes], suffix: str) -> None:
-    """Save a capture of every pattern that has none yet, as a person with a camera does between two runs."""
-    for path in (exchange / "patterns").glob("*.png"):
-        target = exchange / "captures" / f"{path.stem}{suffix}"
-        if not target.exists():
-            shown = cv2.imread(str(path), cv2.IMREAD_COLOR)
-            assert shown is not None
-            target.write_bytes(stored(shown[..., ::-1]))
-
-
-def test_jpegs_of_a_webcam_stop_the_acquisition_until_their_curve_is_given(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """With --camera-response, the same captures continue the acquisition."""
-    rig = rig_of("wall")
-    height, width = rig.raster
-    words = ["--camera", f"folder:{tmp_path / 'exchange'}", "--projector", f"{width}x{height}", "-o"]
-    words += [str(tmp_path / "room")]
-
-    def webcam(codes: NDArray[np.uint8]) -> bytes:
-        light = rig.photograph(codes, int(codes.sum() % 997))
-        done, content = cv2.imencode(
-            ".jpg", np.ascontiguousarray(Stored("srgb").codes(light)[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 92]
-        )
-        assert done
-        return bytes(content)
-
-    said = ""
-    for _ in range(2):  # first black, floodlight and halves are requested, then they are judged
-        assert acquire_transport.main(words) == 2
-        said = capsys.readouterr().err
-        photographed(tmp_path / "exchange", webcam, ".jpg")
-    assert said.startswith(
-        "error: light does not add up in the captures: half and half of the light are captured as 14"
-    )
-    assert "the captures have a curve, as JPEGs and webcams have" in said
-    assert said.count("\n") == 1
-    assert not (tmp_path / "room").exists()
-    assert len(list((tmp_path / "exchange" / "patterns").glob("*.png"))) == 2 * REPEATS + 2 * SHOTS
-    assert acquire_transport.main([*words, "--camera-response", "srgb"]) == 2
-    assert "waiting for 108 captures" in capsys.readouterr().err
+    linear, bent = storing(Stored()), storing(Stored("S"))
+    acquire_pictures(linear, MemoryStore(linear.exposures), 24, [linear.raster])
+    with pytest.raises(InputError, match="light does not add up in the captures: half and half"):
+        acquire_pictures(bent, MemoryStore(bent.exposures), 24, [bent.raster])

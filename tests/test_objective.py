@@ -14,8 +14,8 @@ from counterlight.pipeline.content import reachable_white
 from counterlight.response import Response
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.inverse.build import build_maps
+from counterlight.tools.inverse.clustered import prior_matrices
 from counterlight.tools.inverse.near_light import InverseOptions
-from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.solve.box import TOLERANCE, Box
 from counterlight.tools.transport.mask import DARK_PAINT, directly_lit, lit_pixels
 from counterlight.tools.transport.objective import Objective, ObjectiveOptions, objective_of

@@ -16,7 +16,7 @@ from counterlight.show import playback as playbacks
 from counterlight.show.media import Media
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import Playlist
-from counterlight.show.session import Session
+from counterlight.show.session import Playing, Session
 from counterlight.show.show import Show
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Screen
@@ -127,7 +127,7 @@ def test_a_slow_renderer_shows_every_nth_frame(clip: Path, rendering_s: float, e
 
 
 def test_laps_and_speeds_are_in_time_too(clip: Path) -> None:
-    session, screen = played(clip, 0.6, limit=30, loop_file=True, speed=2.0)
+    session, screen = played(clip, 0.6, limit=30, playing=Playing(loop_file=True, speed=2.0))
     assert session.stats.percentile_ms("late", 100) <= 1000 * (0.6 + FRAME_S) + 5
     assert screen.uploaded[-1] > 3 * FRAMES  # 30 renderings of 0.6 s at twice the speed: 36 s
 

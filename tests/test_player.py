@@ -14,11 +14,13 @@ import pytest
 from scipy import sparse
 
 from counterlight import app, calibration
+from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.gl.context import in_software
 from counterlight.maps import room_maps as maps
 from counterlight.pipeline.operators import drive_of
 from counterlight.pipeline.renderer import AnyRenderer
+from counterlight.pipeline.room import read_room
 from counterlight.show import output
 from counterlight.tools import build_correction_map
 from counterlight.tools.shipped import CLIP
@@ -230,7 +232,7 @@ def test_a_map_without_refinement_plays_and_says_what_is_missing(room: Path, tmp
     ["lookup.exr", "entries.exr", "transport/entries.exr", "dual/entries.exr", "direct/lookup.exr", "step_size.exr"],
 )
 @pytest.mark.parametrize("damage", ["truncated", "flipped", "missing"])
-def test_a_damaged_map_is_refused(room: Path, tmp_path: Path, file: str, damage: str) -> None:
+def test_a_damaged_map_is_refused(room: Path, file: str, damage: str) -> None:
     path = room / "correction" / file
     contents = bytearray(path.read_bytes())
     if damage == "missing":
@@ -238,9 +240,14 @@ def test_a_damaged_map_is_refused(room: Path, tmp_path: Path, file: str, damage:
     else:
         contents[-100] ^= 4
         path.write_bytes(contents if damage == "flipped" else contents[: len(contents) // 2])
-    line = fail("play", room, CLIP, "--output", tmp_path / "out.png")
-    assert file in line
-    assert f"rebuild it with: counterlight build {room}" in line
+    with pytest.raises(InputError, match=rf"{file}.*rebuild it with: counterlight build {room}"):
+        read_room(room, None)
+
+
+def test_a_damaged_map_ends_a_command_before_its_output_begins(room: Path, tmp_path: Path) -> None:
+    path = room / "correction" / "entries.exr"
+    path.write_bytes(path.read_bytes()[:-1])
+    assert "entries.exr: " in fail("play", room, CLIP, "--output", tmp_path / "out.png")
     assert not (tmp_path / "out.png").exists()
 
 

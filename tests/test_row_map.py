@@ -116,7 +116,7 @@ def test_entries_of_zero_are_left_out() -> None:
 
 
 def test_rows_of_nothing_at_all() -> None:
-    empty = SparseRows(np.zeros(7, np.int64), np.empty(0, np.int64), np.empty((0, 3), np.float32), 16)
+    empty = SparseRows.empty(6, 16)
     packed = pack(empty, (2, 3), (4, 4))
     assert packed.count == 0
     assert_same(unpack(packed), empty)

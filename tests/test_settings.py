@@ -109,9 +109,10 @@ def test_a_row_of_the_table_is_an_option_and_a_setting(config: Path, name: str, 
         words, text = [f"--{name}={value}"], f"'{value}'"
     else:
         return  # paths, addresses and names have tests of their own
-    for options in (options_with(config, f"{name} = {text}"), options_with(config, "", *words)):
-        assert getattr(options, attribute) == value
-        assert options.given == {name, "config"} - ({name} if value == row.default else set())
+    assert getattr(options_with(config, f"{name} = {text}"), attribute) == value
+    options = options_with(config, "", *words)
+    assert getattr(options, attribute) == value
+    assert options.given == ({"config"} if value == row.default else {"config", name})
 
 
 def test_no_key_is_bound_twice() -> None:

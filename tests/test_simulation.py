@@ -1,7 +1,5 @@
 """The simulator: closed forms, independent recomputation, and effects that run only if the scene needs them."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import channel, channels
-from tests.programs import command, fail, succeed
+from tests.programs import command, fail, here, python, succeed
 from tests.scenes import SCENES, flat, plane, rectangle, scene_file, small
 
 # On demand
@@ -34,27 +32,37 @@ def test_needs_are_read_off_the_scene(tmp_path: Path) -> None:
     assert [name for name, need in dark.items() if need.on] == ["direct"]
 
 
-@pytest.mark.parametrize("name", ["wall", "corner", "statuette", "folded_cards", "two_planes"])
-def test_an_effect_that_is_off_is_not_even_imported(name: str) -> None:
-    script = f"""
+IMPORTED = """
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
-scene = load_scene(Path({str(SCENES / name)!r} + ".toml"))
-scene = replace(scene, cells=40, camera=scene.camera.resized(9, 16), projector=scene.projector.resized(9, 16))
-result = simulate(scene)
-prefix = "counterlight.tools.simulation.effects."
-imported = {{module.removeprefix(prefix) for module in sys.modules if module.startswith(prefix)}}
-known = {{report.need.effect for report in result.reports}}
-print(*sorted(imported & known))
-print(*sorted(report.need.effect for report in result.reports if report.need.on))
+for path in map(Path, sys.argv[1:]):
+    if os.fork():
+        os.wait()
+        continue
+    scene = load_scene(path)
+    scene = replace(scene, cells=40, camera=scene.camera.resized(9, 16), projector=scene.projector.resized(9, 16))
+    result = simulate(scene)
+    prefix = "counterlight.tools.simulation.effects."
+    imported = {module.removeprefix(prefix) for module in sys.modules if module.startswith(prefix)}
+    known = {report.need.effect for report in result.reports}
+    print(*sorted(imported & known))
+    print(*sorted(report.need.effect for report in result.reports if report.need.on), flush=True)
+    os._exit(0)
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
-    imported, on = done.stdout.splitlines()
-    assert imported == on
-    assert "direct" in on
+
+
+def test_an_effect_that_is_off_is_not_even_imported() -> None:
+    """Each scene has its own copy of an interpreter that has imported no effect."""
+    scenes = [f"{SCENES / name}.toml" for name in ("wall", "corner", "statuette", "folded_cards", "two_planes")]
+    lines = python("-c", IMPORTED, *scenes).splitlines()
+    assert len(lines) == 2 * len(scenes)
+    for imported, on in zip(lines[::2], lines[1::2], strict=True):
+        assert imported == on
+        assert "direct" in on
 
 
 def test_effects_are_switched_off_for_a_study() -> None:
@@ -272,12 +280,12 @@ def test_the_command_writes_a_calibration(tmp_path: Path, name: str, has_far: bo
 def test_compensating_the_corner_takes_the_far_light_out(tmp_path: Path) -> None:
     """The requirement on a small corner: at least 8 dB more than plain projection, through the whole T."""
     room = tmp_path / "corner"
-    succeed("simulate", SCENES / "corner.toml", "-o", room, "--camera", "120x68", "--projector", "96x54")
-    succeed("build", room)
+    here("simulate", SCENES / "corner.toml", "-o", room, "--camera", "120x68", "--projector", "96x54")
+    here("build", room)
     figures = []
     clip = SCENES.parent / "media" / "big_buck_bunny.mp4"
     for option in ([], ["--no-compensation"]):
-        out = succeed("play", room, clip, "--start", "2", "--output", tmp_path / "c.png", "--view", "camera", *option)
+        out = here("play", room, clip, "--start", "2", "--output", tmp_path / "c.png", "--view", "camera", *option)
         figures.append(float(out.rpartition("PSNR ")[2].split()[0]))
     assert figures[0] >= figures[1] + 8
     assert figures[0] > 25

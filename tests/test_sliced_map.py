@@ -52,7 +52,7 @@ def test_every_entry_is_there_once(rng: np.random.Generator, lanes: int, most: i
 
 
 def test_an_empty_map_has_rows_and_no_entries() -> None:
-    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32), 20)
+    empty = SparseRows.empty(6, 20)
     packed = pack(empty, (2, 3), SOURCE)
     (part,) = parts(packed, lanes_of(packed), 1 << 20)
     assert part.entries.shape == (0, 4)

@@ -1,4 +1,4 @@
-"""Every command in the table of docs/accuracy.md, run as a user runs it, gives the figure that the study states."""
+"""Every command in the table of docs/accuracy.md gives the figure that the study states."""
 
 import shlex
 import shutil
@@ -16,7 +16,7 @@ from counterlight.tools.study.methods import catalogue, uncut_knobs
 from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.study.results import label
 from counterlight.tools.study.rooms import Task, open_room
-from tests.programs import succeed
+from tests.programs import here
 from tests.rooms import write_blurred_room
 
 PAGE = Path(__file__).parents[1] / "docs" / "accuracy.md"
@@ -62,9 +62,9 @@ class Commanded:
                 room = self._built(options)
             elif verb == "play":  # without compensation, a picture fills the projector's raster
                 picture = self._plain if "--no-compensation" in options else self._picture
-                succeed(verb, room, picture, *options, "--output", output)
+                here(verb, room, picture, *options, "--output", output)
             else:
-                succeed(verb, room, self._picture, *options, "-o", output)
+                here(verb, room, self._picture, *options, "-o", output)
         drive = np.asarray(exr.read_rgb(output), np.float64).reshape(-1, 3)
         exposed = "--no-compensation" in commands
         return self._task.judge(np.clip(drive, 0, 1), any_exposure=exposed).below_optimum
@@ -73,7 +73,7 @@ class Commanded:
         room = self._folder / "_".join(["room", *options])
         if not room.exists():
             shutil.copytree(self._original, room)
-            succeed("build", room, *options)
+            here("build", room, *options)
         return room
 
 

@@ -64,7 +64,7 @@ def test_the_drive_is_the_pseudo_inverse_clamped(
     """The test includes light that no pixel can show, and light below the ambient light."""
     room = random_room(rng, camera, projector)
     maps = cl.build_maps(room, inverse="thesis", max_error=0.0)
-    inverses = pseudo_inverses(channels(room.transport.near))
+    inverses = pseudo_inverses(channels(room.parts.near))
     with cl.Renderer(room, maps, backend=backend) as renderer:
         for picture in (rng.uniform(0, 2, (*camera, 3)), np.zeros((*camera, 3)), np.ones((*camera, 3))):
             drive = renderer.render(picture, refine=0)
@@ -83,9 +83,9 @@ def test_a_cut_has_the_pseudo_inverse_of_the_cut_and_fitted_transport(
     in_python = cl.build_maps(known, inverse="thesis", max_error=0, tau=TAU, parameters=BY_HAND)
     for name, packed in maps.named().items():
         np.testing.assert_array_equal(in_python.named()[name].entries, packed.entries)
-    kept = in_one(known.transport, TAU * maps.white)
+    kept = in_one(known.parts, TAU * maps.white)
     assert luminance(kept.weights).min() >= TAU * maps.white
-    floodlights = (each.apply(np.ones((kept.columns, 3))) for each in (known.transport, kept))
+    floodlights = (each.apply(np.ones((kept.columns, 3))) for each in (known.parts, kept))
     fitted = kept.scaled(np.divide(*floodlights))
     inverses = pseudo_inverses(channels(decompose(fitted, CAMERA, PROJECTOR, BY_HAND).near))
     picture = rng.uniform(0, 1.5, (*CAMERA, 3))

@@ -9,8 +9,7 @@ from scipy import sparse
 from scipy.interpolate import LinearNDInterpolator
 
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.inverse.direct import direct_mapping
-from counterlight.tools.inverse.triangulated import places, triangulated_mapping
+from counterlight.tools.inverse.direct import direct_mapping, places, triangulated_mapping
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.transport import Transport
 

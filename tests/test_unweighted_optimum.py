@@ -1,6 +1,7 @@
 """The default in random rooms, judged by scipy: near the unweighted optimum, never below direct mapping.
 
-Rooms and judge share no code with the product (random_rooms.py, unweighted.py).
+Rooms and judge share no code with the product (random_rooms.py, unweighted.py). tests/studies/optimum.py judges more
+rooms.
 """
 
 import numpy as np
@@ -9,12 +10,13 @@ import pytest
 import counterlight as cl
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from tests.grey_rooms import GreyRoom, shipped_in_green
-from tests.random_rooms import KINDS, random_room
+from tests.random_rooms import random_room
 from tests.unweighted import Judge
 
 NEAR_DB = 0.3  # the promise: inside the border, below the optimum
 TIE_DB = 0.01  # float32 light
 ROWS = 22  # most rows of the projector
+SEEDS = 0, 6, 2, 3, 9  # every kind of room, and every ratio of camera pixels to projector pixels
 
 
 def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
@@ -30,10 +32,10 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
 
 def cards() -> GreyRoom:
     """Return cards that light each other, as one dense matrix. Many projector pixels are seen only through bounces."""
-    return shipped_in_green("folded_cards", (24, 32), (18, 24))
+    return shipped_in_green("folded_cards", (18, 24), (14, 18))
 
 
-@pytest.mark.parametrize("seed", [*range(2 * len(KINDS)), None])
+@pytest.mark.parametrize("seed", [*SEEDS, None])
 def test_a_still_is_near_the_optimum_and_not_below_direct_mapping(seed: int | None) -> None:
     given = cards() if seed is None else random_room(seed, ROWS)
     room = given.in_product

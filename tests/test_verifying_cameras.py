@@ -15,7 +15,7 @@ from counterlight.tools import verify_projection
 from counterlight.tools.acquisition.changed_exposures import changed_exposures
 from tests.camera_rooms import write_pairs
 from tests.drifted_rooms import write_changed
-from tests.programs import succeed
+from tests.programs import here
 
 Capture = pytest.CaptureFixture[str]
 PIXEL = r"-?\d\.\d\d"
@@ -25,7 +25,7 @@ PIXEL = r"-?\d\.\d\d"
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two projectors that two cameras see. The second camera's light is 0.9, 1 and 1.2 times its light in T."""
     folder = tmp_path_factory.mktemp("pairs")
-    succeed("join", *write_pairs(folder, gain=(0.9, 1.0, 1.2)), "--cameras", "-o", folder / "room")
+    here("join", *write_pairs(folder, gain=(0.9, 1.0, 1.2)), "--cameras", "-o", folder / "room")
     return folder / "room"
 
 
@@ -127,7 +127,7 @@ def test_what_matched_a_camera_is_kept_with_it(room: Path, tmp_path: Path) -> No
     """The gains stay, in any order and number of joins. A calibration without a gain has 1."""
     gains = calibration.read(room).calibration.gains
     np.testing.assert_allclose(gains, [[1, 1, 1], [1 / 0.9, 1, 1 / 1.2]], rtol=0.01)  # median of the pixels' own ratios
-    succeed("join", room, room.parent / "second pair", "--cameras", "-o", tmp_path / "three")
+    here("join", room, room.parent / "second pair", "--cameras", "-o", tmp_path / "three")
     found = calibration.read(tmp_path / "three").calibration.gains
     np.testing.assert_allclose(found, [*gains, gains[1]], rtol=0.01)
     told = (tmp_path / "three" / "calibration.toml").read_text()

@@ -204,7 +204,7 @@ def _count(text: str) -> int:
 
 def _parser() -> Parser:
     parser = Parser("acquire", description=__doc__, examples=EXAMPLES, common=COMMON)
-    add_rig_options(parser, "as the noise requires, within --averaging")
+    add_rig_options(parser, "as the noise requires, within --averaging", "measured; linear for RAW")
     _add_measurement(parser.add_argument_group("measurement"))
     _add_files(parser.add_argument_group("files"))
     return parser

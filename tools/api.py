@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,8 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.maps import room_maps as correction
 from counterlight.maps.room_maps import RoomMaps
-from counterlight.response import Response
+from counterlight.plots import panels
+from counterlight.response import TABLE_SIZE, Response, transfer_table
 from counterlight.tools import arguments
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
@@ -36,12 +37,16 @@ from counterlight.tools.choices import (
 from counterlight.tools.clusters.decomposition import Parameters
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.factoring.factoring import compacted
+from counterlight.tools.linear_operator import TransportOperator
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.pixel_order import misreading
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
-from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
+from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, luminance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BYTES_OF_A_PIXEL = 100  # upper bound per pixel while a picture is read
 READ_ROOM = "make one with read_room, simulate or Room.from_matrices"
@@ -56,24 +61,24 @@ class Room:
     equal only if they are the same object.
 
     calibration : sizes, responses, ambient light, mask, and floodlights of the primaries.
-    transport : T of white light.
+    parts : the parts of T of white light: near light, and blurred and far light if any.
     colour : the primaries that a camera channel sees: auto, independent, global or pixel (docs/colour.md).
     """
 
     calibration: Calibration
-    transport: Transport
+    parts: Transport
     colour: str = "auto"
 
     def __post_init__(self) -> None:
         arguments.instance(self.calibration, Calibration, "calibration")
-        arguments.instance(self.transport, Transport, "transport")
+        arguments.instance(self.parts, Transport, "parts")
         arguments.choice(self.colour, "colour", COLOURS)
         expected = self.calibration.camera.pixels, self.calibration.projector.pixels
-        if self.transport.shape != expected:
-            raise InputError(f"transport of shape {self.transport.shape}, the calibration is for {expected}")
+        if self.parts.shape != expected:
+            raise InputError(f"T of shape {self.parts.shape}, the calibration is for {expected}")
 
     def __repr__(self) -> str:
-        return f"<Room {self.calibration.name!r}: camera {self.camera}, projector {self.projector}, {self.transport!r}>"
+        return f"<Room {self.calibration.name!r}: camera {self.camera}, projector {self.projector}, {self.parts!r}>"
 
     @classmethod
     @in_python(tolerance="factor")
@@ -151,7 +156,15 @@ class Room:
     @in_python()
     def tier(self) -> Tier:
         """The room in screen primaries; `str` gives its colour tier and the reason for it."""
-        return tier_of(self.calibration, self.transport, self.colour)
+        return tier_of(self.calibration, self.parts, self.colour)
+
+    @cached_property
+    def transport(self) -> TransportOperator:
+        """T as a scipy LinearOperator; `@` takes a picture (projector height, projector width, 3) or a flattened one.
+
+        T leaves out ambient light. `T.channel(k)` is one channel, and `T.to_csr()` a sparse matrix.
+        """
+        return TransportOperator(replace(self.parts, camera=self.camera, projector=self.projector))
 
     @property
     def white(self) -> float:
@@ -171,6 +184,19 @@ class Room:
         """
         return self.tier.seen(arguments.picture(drive, self.projector, "drive"))
 
+    def plot(self) -> "Figure":
+        """Draw the room under full light and without the projector, what counts, and T's entries (needs matplotlib)."""
+        brightest = np.percentile(self.floodlight, 99)
+        return panels(
+            f"{self.calibration.name}: camera {self.camera}, projector {self.projector}",
+            {
+                "full light": _srgb(self.floodlight / brightest),
+                "ambient light, % of white": 100 * _grey(self.tier.ambient) / self.white,
+                "camera pixels that count (mask)": self.mask,
+                "entries of near light per camera pixel": self.parts.near.lengths.reshape(self.camera),
+            },
+        )
+
     @in_python()
     def write(self, folder: PathLike[str] | str, *, maps: RoomMaps | None = None, force: bool = False) -> None:
         """Write a calibration folder, with `maps` if given; the folder appears whole or not at all."""
@@ -178,7 +204,7 @@ class Room:
         if maps is not None:
             check_maps(self, maps)
         with calibrations.replacing(target, force=arguments.instance(force, bool, "force")) as stage:
-            write_transport(self.transport, stage)
+            write_transport(self.parts, stage)
             calibrations.write(self.calibration, stage)
             if maps is not None:
                 (stage / correction.FOLDER).mkdir()
@@ -192,22 +218,43 @@ class Solution:
     drive : (projector height, projector width, 3). 0 to 1, linear light.
     seen : camera picture under the drive.
     below_optimum : upper bound, from the gradient, on how many dB `seen` is below the best drive's picture.
+    target : the requested camera picture, in the unit of `seen`.
+    white : radiance of the picture's white.
     """
 
     drive: FloatArray
     seen: FloatArray
     below_optimum: float
+    target: FloatArray
+    white: float
 
     def __repr__(self) -> str:
         bound = f"at most {self.below_optimum:.2g} dB below the optimum"
         return f"<Solution: drive {self.drive.shape}, seen {self.seen.shape}, {bound}>"
+
+    @property
+    def error(self) -> FloatArray:
+        """What is seen minus the target, as a share of white, (camera height, camera width, 3)."""
+        return (self.seen - self.target) / self.white
+
+    def plot(self) -> "Figure":
+        """Draw the drive, the target, what is seen, and the error of its luminance (needs matplotlib)."""
+        return panels(
+            repr(self).strip("<>"),
+            {
+                "target": _srgb(self.target / self.white),
+                "seen by the camera": _srgb(self.seen / self.white),
+                "error of luminance, % of white": 100 * _grey(self.error),
+                "drive of the projector": _srgb(self.drive),
+            },
+        )
 
 
 @in_python()
 def read_room(folder: PathLike[str] | str) -> Room:
     """Read a calibration folder; InputError for missing or damaged files."""
     stored = calibrations.read(arguments.path(folder, "folder"))
-    return _room(stored.calibration, read_transport(stored))
+    return Room(stored.calibration, read_transport(stored))
 
 
 @in_python()
@@ -270,7 +317,7 @@ def simulate(
         needs = chosen(needs_of(view), off, kept)
         needs = needs if within is None else priced(view, needs, within)
         results.append(simulation.simulate(view, needs, tolerance=tolerance))
-    return _room(*simulated_room(described, results))
+    return Room(*simulated_room(described, results))
 
 
 @in_python()
@@ -298,14 +345,16 @@ def solve(
     arguments.choice(solver, "solver", SOLVERS | OF_PICTURES)
     tier = _coloured(room, colour).tier
     wanted = arguments.picture(picture, room.camera, "picture", of_white=white is None)
-    b = tier.asked(wanted * arguments.white(white, tier.white))
+    radiance = arguments.white(white, tier.white)
+    target = wanted * radiance
+    b = tier.asked(target)
     objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
     sought, counts = objective if priors else None, objective.lit_picture(tier.calibration)
     drive = np.clip(prepare(solver, T, counts, sought).solve(b).unclamped, 0, 1)
     bound = objective.unweighted.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
-    return Solution(shown, tier.seen(shown), bound.decibels)
+    return Solution(shown, tier.seen(shown), bound.decibels, target, radiance)
 
 
 @in_python()
@@ -359,6 +408,16 @@ def check_maps(room: Room, maps: RoomMaps) -> None:
         )
 
 
+def _srgb(linear_rgb: FloatArray) -> FloatArray:
+    """Returns code values from 0 to 1 of linear light."""
+    return np.interp(linear_rgb, transfer_table("srgb"), np.linspace(0, 1, TABLE_SIZE))
+
+
+def _grey(linear_rgb: NDArray[np.floating]) -> FloatArray:
+    """Returns the luminance of a picture, (height, width)."""
+    return luminance(linear_rgb.reshape(-1, 3)).reshape(linear_rgb.shape[:2])
+
+
 def _coloured(room: Room, colour: str | None) -> Room:
     arguments.instance(room, Room, "room", READ_ROOM)
     if colour is None or arguments.choice(colour, "colour", COLOURS) == room.colour:
@@ -368,19 +427,13 @@ def _coloured(room: Room, colour: str | None) -> Room:
 
 def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
     """Check pictures of red, green and blue as `Room.from_matrices` takes them."""
-    try:
-        pictures = list(light) if isinstance(light, list | tuple) else list(np.asarray(light))
-    except TypeError:
-        pictures = []
-    expected = (3, *camera, 3)
-    if len(pictures) != 3 or any(np.shape(each) != expected[1:] for each in pictures):
-        raise InputError(f"primaries of shape {np.shape(light)}, expected {expected}: pictures of red, green, blue")
+    several = light if isinstance(light, list | tuple) else np.atleast_1d(arguments.real_array(light, "primaries"))
+    pictures = [arguments.real_array(each, "primaries") for each in several]
+    expected, shapes = (3, *camera, 3), dict.fromkeys((len(pictures), *each.shape) for each in pictures)
+    if list(shapes) != [expected]:
+        found = " and ".join(map(str, shapes)) or "()"
+        raise InputError(f"primaries of shape {found}, expected {expected}: pictures of red, green, blue")
     return np.stack([arguments.radiance(each, camera, "primaries") for each in pictures])
-
-
-def _room(calibration: Calibration, transport: Transport) -> Room:
-    camera, projector = calibration.camera.shape, calibration.projector.shape
-    return Room(calibration, replace(transport, camera=camera, projector=projector))
 
 
 def _channel(matrix: object, colour: str, shape: Shape) -> Csr:

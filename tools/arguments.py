@@ -143,7 +143,7 @@ def picture(values: ArrayLike, shape: Shape, name: str = "picture", *, of_white:
 
     of_white : the picture is in multiples of white; warns if most of it is far above 1.
     """
-    array = _array(values, name)
+    array = real_array(values, name)
     if array.dtype.kind in "iu" and not isinstance(values, int):  # a Python number is light: 1 is white
         if array.dtype.newbyteorder("=") not in CODES:
             raise InputError(
@@ -160,7 +160,7 @@ def picture(values: ArrayLike, shape: Shape, name: str = "picture", *, of_white:
 
 def radiance(values: ArrayLike, shape: Shape, name: str) -> NDArray[np.float32]:
     """Returns (height, width, 3) in the camera's unit of light; accepts the same as `picture`, except code values."""
-    array = _array(values, name)
+    array = real_array(values, name)
     if array.dtype.kind in "iu" and array.ndim:
         raise InputError(
             f"{name} of {array.dtype}: expected radiance in T's unit, as floats; code values are not light"
@@ -170,7 +170,7 @@ def radiance(values: ArrayLike, shape: Shape, name: str) -> NDArray[np.float32]:
 
 def mask(values: ArrayLike, shape: Shape) -> BoolArray:
     """Returns a mask (height, width) from True and False, or from 0 and one other number."""
-    array = _array(values, "mask")
+    array = real_array(values, "mask")
     if array.shape != shape:
         raise InputError(f"mask of shape {array.shape}, expected {shape}{_swapped(array.shape, shape)}")
     if not np.isin(array, (0, array.max())).all():
@@ -182,9 +182,10 @@ def mask(values: ArrayLike, shape: Shape) -> BoolArray:
 
 def matrix(values: object, name: str) -> Csr:
     """Returns a copy as sparse rows, float32, with duplicates summed."""
-    if not (sparse.issparse(values) or hasattr(values, "__array__") or isinstance(values, list | tuple)):
+    known = sparse.issparse(values) or isinstance(values, list | tuple)
+    if not (known or hasattr(values, "__array__") or hasattr(values, "__dlpack__")):
         raise TypeError(f"{name}: expected a matrix of scipy.sparse or an array, found {type(values).__name__}")
-    found: Any = values if sparse.issparse(values) else _array(values, name)
+    found: Any = values if sparse.issparse(values) else real_array(values, name)
     if len(found.shape) != 2 or found.dtype.kind not in "fiub":
         raise InputError(f"{name}: {found.dtype} of shape {found.shape}, expected real numbers in rows and columns")
     with np.errstate(over="ignore"):  # values beyond float32 become infinite, which the caller refuses
@@ -193,13 +194,14 @@ def matrix(values: object, name: str) -> Csr:
     return rows
 
 
-def _array(values: object, name: str) -> NDArray[Any]:
-    """Convert values to an array of real numbers; TypeError if numpy cannot."""
+def real_array(values: object, name: str) -> NDArray[Any]:
+    """Convert values to an array of real numbers by `__array__` or DLPack; TypeError if numpy cannot."""
     if isinstance(values, np.ma.MaskedArray):
         raise TypeError(f"{name}: a masked array, whose mask would be lost; fill it first, as {name}.filled(0)")
     try:
-        array = np.asarray(values)
-    except Exception as error:  # __array__ of the object may raise anything
+        exported = hasattr(values, "__dlpack__") and not hasattr(values, "__array__")
+        array = np.from_dlpack(values) if exported else np.asarray(values)  # type: ignore[arg-type]
+    except Exception as error:  # methods of the object may raise anything
         raise TypeError(f"{name}: {type(values).__name__} is no array of numbers ({one_line(error)})") from None
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name}: {array.dtype} of shape {array.shape}, expected an array of real numbers")

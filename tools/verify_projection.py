@@ -80,7 +80,7 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
     transport = read_transport(stored)
     wanted = _wanted(options, stored, transport)
     refuse = partial(_check_projectors, options, stored.calibration)
-    with threadpool_limits(limits=1), open_rig(options, refuse) as (camera, _):
+    with threadpool_limits(limits=1), open_rig(options, refuse, stored.calibration.camera.response) as (camera, _):
         if isinstance(camera, LiveCamera) and not options.no_preflight:
             for finding in preflight(camera):
                 refuse_bad(finding)

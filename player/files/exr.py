@@ -75,7 +75,7 @@ def write_plain(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
     exr_lines.write(path, channels)
 
 
-def read_beside(
+def read_stacked(
     source: Source,
     names: tuple[str, ...],
     accept: Acceptance = lambda header, name: None,
@@ -93,7 +93,7 @@ def read_beside(
     with opened(source, FIX) as file:
         parts = _parts(file, most)
         accept(_header(parts[0]), file.name)
-        return _beside(file, parts, names, look)
+        return _stacked(file, parts, names, look)
 
 
 def read_channels(source: Source, accept: Acceptance = lambda header, name: None) -> dict[str, NDArray[Any]]:
@@ -117,7 +117,7 @@ def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> 
             expected = "expected R, G and B (or Y); export it as RGB"
             raise InputError(f"{file.name}: channels {shown(names)}, {expected}")
         accept(_header(parts[0]), file.name)
-        return _beside(file, parts, wanted).astype(np.float32, copy=False)
+        return _stacked(file, parts, wanted).astype(np.float32, copy=False)
 
 
 def read_described(files: DescribedFiles, name: str, shape: tuple[int, int], whose: str) -> NDArray[np.float32]:
@@ -160,7 +160,7 @@ def _header(part: Part) -> Header:
     return Header(*part.shape, part.channels)
 
 
-def _beside(
+def _stacked(
     file: BufferedReader, parts: list[Part], names: tuple[str, ...], look: Look = lambda rows: None
 ) -> NDArray[Any]:
     """Read channels into one array, without the library where that is possible."""

@@ -18,11 +18,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight import plots
 from counterlight.arrays import brief
 from counterlight.calibration import RADIANCE, StoredCalibration
 from counterlight.errors import InputError
@@ -38,6 +39,9 @@ from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
 from counterlight.maps.word_map import RoomWords, WordMap
 from counterlight.writing.replacing import replacing_folder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -158,6 +162,17 @@ class RoomMaps:
             maps |= {"dual": further.dual, "direct": further.direct, **_named("dual", further.far_dual)}
         maps |= _named("blurred", self.blurred)
         return maps if further is None else maps | _named("blurred_dual", further.blurred_dual)
+
+    def plot(self) -> "Figure":
+        """Draw the entries that each pixel costs, and what refinement knows (needs matplotlib)."""
+        pictures: dict[str, NDArray[Any]] = {
+            "entries of T⁺ per projector pixel": self.correction.lookup[..., 2],
+            "entries of T per camera pixel": self.transport.lookup[..., 2],
+        }
+        if self.refinement is not None:
+            pictures["weights of camera pixels"] = self.refinement.weights
+            pictures["how well the camera sees projector pixels"] = self.refinement.seen
+        return plots.panels(repr(self).strip("<>"), pictures)
 
     def in_words(self, white: float) -> dict[int, WordMap]:
         """Return the maps of T and Tᵀ in words, by the id of the row map that each replaces; empty if the bound fails.

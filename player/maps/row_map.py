@@ -55,6 +55,11 @@ class SparseRows:
 
     __repr__ = brief
 
+    @classmethod
+    def empty(cls, rows: int, columns: int) -> "SparseRows":
+        """Return rows without entries, float32."""
+        return cls(np.zeros(rows + 1, np.int64), np.empty(0, np.int32), np.empty((0, 3), np.float32), columns)
+
     @property
     def shape(self) -> tuple[int, int]:
         return self.indptr.size - 1, self.columns
@@ -120,6 +125,15 @@ class SparseRows:
         place[chosen] = np.arange(chosen.size)
         kept = self.where(place[self.indices] >= 0)
         return replace(kept, indices=place[kept.indices], columns=chosen.size)
+
+    def ascending(self) -> "SparseRows":
+        """Sort the entries of each row by column."""
+        rises = np.diff(self.indices, prepend=-1) > 0
+        rises[self.indptr[:-1][self.lengths > 0]] = True
+        if rises.all():
+            return self
+        order = np.lexsort((self.indices, self.rows))
+        return replace(self, indices=self.indices[order], weights=self.weights[order])
 
     def inside(self, mask: NDArray[np.bool_]) -> "SparseRows":
         """Empty the rows outside a mask (rows,), and drop entries of 0."""
@@ -400,7 +414,7 @@ def read_texture(
             raise InputError(f"{file.name}: its channels are not {np.dtype(dtype).name}; {fix}")
         look(rows)
 
-    return exr.read_beside(file, names, accept, of_the_type, MOST_TEXELS)
+    return exr.read_stacked(file, names, accept, of_the_type, MOST_TEXELS)
 
 
 def size_of(shape: tuple[int, int]) -> list[int]:

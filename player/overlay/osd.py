@@ -126,19 +126,19 @@ def pages(cells: tuple[str, ...], window: tuple[int, int]) -> tuple[Page, ...]:
 
     The cells stand in as many columns as fit, up to three. If even one column is too wide, meanings are wrapped.
     """
-    extents = {count: _extent(Page(_beside(cells, count)), SMALLEST_SCALE) for count in (1, 2, 3)}
+    extents = {count: _extent(Page(_in_columns(cells, count)), SMALLEST_SCALE) for count in (1, 2, 3)}
     narrow = [count for count, (_, wide) in extents.items() if wide <= window[1]]
     whole = [count for count in narrow if extents[count][0] <= window[0]]
     if whole:
         largest = max(whole, key=lambda count: min(window[0] / extents[count][0], window[1] / extents[count][1]))
-        return (Page(_beside(cells, largest)),)
-    lines = _beside(cells, narrow[-1]) if narrow else _broken(cells, window[1])
+        return (Page(_in_columns(cells, largest)),)
+    lines = _in_columns(cells, narrow[-1]) if narrow else _broken(cells, window[1])
     rows = max(int((window[0] / SMALLEST_SCALE - 2 * MARGIN) // LINE_HEIGHT) - 1, 1)
     parts = [lines[first : first + rows] for first in range(0, len(lines), rows)]
     return tuple(Page((*part, f"{number} of {len(parts)}; ? goes on")) for number, part in enumerate(parts, 1))
 
 
-def _beside(cells: Sequence[str], columns: int) -> tuple[str, ...]:
+def _in_columns(cells: Sequence[str], columns: int) -> tuple[str, ...]:
     """Arrange cells in columns, read downwards."""
     rows = max(-(-len(cells) // columns), 1)
     return tuple("\t".join(cells[row::rows]) for row in range(rows))

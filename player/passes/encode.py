@@ -15,7 +15,7 @@ DITHERS = "none", "ordered", "noise"
 
 
 class Encode:
-    """Converts light to 8-bit code values.
+    """Converts light to code values.
 
     response : response of each column's projector.
     scale : light of a white pixel.
@@ -31,11 +31,11 @@ class Encode:
         self._segments = none if segments is None else np.ascontiguousarray(segments.swapaxes(2, 3))
         self._scale, self._dither = np.float32(scale), DITHERS.index(dither)
 
-    def fill(self, light: Array, frame: int, out: NDArray[np.uint8]) -> None:
-        """Encode a picture. frame : frame number; seeds the noise."""
+    def fill(self, light: Array, frame: int, out: NDArray[np.unsignedinteger]) -> None:
+        """Encode a picture with 8 or 16 bits, as `out` has. frame : frame number; seeds the noise."""
         projectors = self._codes, self._of_column, self._row_height, self._colours, self._mixes, self._segments
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), THRESHOLDS
-        encode(light, *projectors, self._scale, *dithered, out)
+        encode(light, *projectors, self._scale, *dithered, np.float32(np.iinfo(out.dtype).max), out)
 
 
 def encoded(light: NDArray[np.floating], response: RasterResponse, scale: float = 1.0) -> NDArray[np.uint8]:
@@ -59,8 +59,11 @@ THRESHOLDS = _bayer()
 
 
 @kernel(
-    f"{PICTURE}, {PICTURE}, int32[:, ::1], int64, {PICTURE}, boolean, float32[:, :, :, ::1], float32, int64, uint32, "
-    f"{PLANE}, uint8[:, :, ::1]"
+    *(
+        f"{PICTURE}, {PICTURE}, int32[:, ::1], int64, {PICTURE}, boolean, float32[:, :, :, ::1], float32, int64, "
+        f"uint32, {PLANE}, float32, {codes}"
+        for codes in ("uint8[:, :, ::1]", "uint16[:, :, ::1]")
+    )
 )
 def encode(
     light: Array,
@@ -74,15 +77,17 @@ def encode(
     dither: Any,
     frame: Any,
     thresholds: Array,
-    out: NDArray[np.uint8],
+    highest: Any,
+    out: NDArray[np.unsignedinteger],
 ) -> None:
-    """Convert linear light to 8-bit code values.
+    """Convert linear light to code values.
 
     codes : (projectors, 3, samples). Code values over √light.
     of_column : (rows of projectors, width). Index of the projector that each column belongs to.
     colours : (projectors, 3, 3). Used if `mixes` is true.
     segments : (projectors, 2, 3, samples), or empty.
     thresholds : of ORDERED dither, repeated.
+    highest : code of white, 255 or 65535.
     """
     for y in prange(out.shape[0]):
         for x in range(out.shape[1]):
@@ -106,8 +111,8 @@ def encode(
                 if dither == NOISE:
                     hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
                     threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
-                value = looked_up(codes[own, i], roots[i]) * np.float32(255) + threshold
-                out[y, x, i] = np.uint8(min(value, np.float32(255)))
+                value = looked_up(codes[own, i], roots[i]) * highest + threshold
+                out[y, x, i] = np.uint16(min(value, highest))
 
 
 @inlined

@@ -159,7 +159,7 @@ class Certificate:
 
 
 class StepBudget:
-    """Chooses the steps that fit in the available time (`--refine auto`, `--budget`).
+    """Chooses the steps that fit in the available time.
 
     interval_s : seconds per frame, or the allowed time.
     most : largest number of steps, and then also the first number; without it the first number is 1.

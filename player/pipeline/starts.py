@@ -1,4 +1,4 @@
-"""The starts of refinement: the drive that the first step of a frame improves (`--refine-from`)."""
+"""The starts of refinement: the drive that the first step of a frame improves."""
 
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar

@@ -32,7 +32,8 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     """Read the options. The command line overrides the settings file, which overrides the defaults.
 
     Adds these attributes:
-    given : names of the options, as in OPTIONS, whose value is not the default.
+    given : names of the options, as in OPTIONS, that the command line sets to another value than the default or the
+        settings file.
     keys : key bindings of the settings file.
     media : the media (media/medium.py), with the lists in `lists` expanded.
     border : the files that lists and remotes may name.

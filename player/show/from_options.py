@@ -12,6 +12,7 @@ from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.governor import Governor, Steps
 from counterlight.show.options import LISTED_IMAGE_S
+from counterlight.show.session import Playing
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
@@ -30,8 +31,8 @@ def room_of(options: argparse.Namespace) -> Room:
     """Read the room from its calibration folder. Raises InputError if the folder or the options are contradictory."""
     white = None if options.white == "auto" else options.white
     for name in ("shader", "entries"):
-        if options.backend == "cpu" and name in options.given:
-            value = getattr(options, name)
+        value = getattr(options, name)
+        if options.backend == "cpu" and value is not None:
             raise InputError(f"--{name} {value}: --backend cpu has no GPU to use it; leave one of them out")
     words = path_of(options).entries != "16"
     steps, start = steps_of(options), options.refine_from
@@ -53,7 +54,7 @@ def path_of(options: argparse.Namespace) -> GpuPath:
 def backend_of(options: argparse.Namespace) -> str:
     """Return the backend, which is OpenGL if an option asks for its shaders."""
     chosen: str = options.backend
-    return "gl" if chosen == "auto" and options.given & {"shader", "entries"} else chosen
+    return "gl" if chosen == "auto" and (options.shader or options.entries) else chosen
 
 
 def steps_of(options: argparse.Namespace) -> Steps | None:
@@ -86,6 +87,19 @@ def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor
     quick = room.maps.correction_in_steps < room.maps.direct_in_steps + 1
     told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "quick": quick}
     return Governor(usual, options.refine, **told)
+
+
+def playing_of(options: argparse.Namespace) -> Playing:
+    """Return how the media are played."""
+    return Playing(
+        loop_file=options.loop and len(options.media) == 1,
+        speed=options.speed,
+        start_s=options.start,
+        image_display_duration=image_display_duration(options),
+        keep_open=options.keep_open,
+        fade_s=options.fade,
+        crossfade_s=options.crossfade,
+    )
 
 
 def image_display_duration(options: argparse.Namespace) -> float | None:

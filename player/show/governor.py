@@ -140,7 +140,7 @@ class Governor:
         rest_s, self.step_s = median(self._rests_s), median(self._each_s)
         if len(self._each_s) >= TELLING:
             self._choose(rest_s, start_s, self.step_s)
-        self.bare = self._bare_beside(rest_s, self.step_s)
+        self.bare = self._bare_start(rest_s, self.step_s)
         if self._time is not None and steps:
             self._time.measured(rest_s + start_s, self.step_s)
 
@@ -255,7 +255,7 @@ class Governor:
             self._want(min(quickest.curve.least(GOOD_ENOUGH_DB), MOST_OFFERED))
             self._time.least = self._clean_steps()
 
-    def _bare_beside(self, rest_s: float, step_s: float) -> str:
+    def _bare_start(self, rest_s: float, step_s: float) -> str:
         in_steps = {offer.start: offer.in_steps for offer in self._offers}
         if self.budget == "no" or self._time is None or "previous-direct" not in in_steps:
             return "map"

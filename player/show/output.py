@@ -249,14 +249,14 @@ class _VideoOutput:
             context.colorspace = context.color_primaries = context.color_trc = BT709
             context.color_range = int(ColorRange.MPEG)
         self._stream = stream
-        self._sound = self._sound_beside()
+        self._sound = self._opened_sound()
         return stream
 
     @staticmethod
     def _is_yuv(stream: av.VideoStream) -> bool:
         return str(stream.pix_fmt).startswith("yuv")
 
-    def _sound_beside(self) -> SoundTrack | None:
+    def _opened_sound(self) -> SoundTrack | None:
         if self._sound_file is None:
             return None
         try:

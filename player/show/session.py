@@ -7,6 +7,7 @@ the clock are arguments.
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from counterlight.command import tell
@@ -42,6 +43,51 @@ AHEAD_S = 10.0  # how long before a medium ends the next is opened; starting a d
 OPENING_WAIT_S = 0.01  # longest wait while a medium is being opened
 
 
+@dataclass(frozen=True)
+class Playing:
+    """How media are played when the session begins.
+
+    start_s : where the first medium starts.
+    image_display_duration : seconds that a still is shown; None for no limit.
+    keep_open : what stays at the end of the list, an option of options.py.
+    fade_s, crossfade_s : seconds of a fade from and to black, and between two media.
+    """
+
+    loop_file: bool = False
+    speed: float = 1.0
+    start_s: float = 0.0
+    image_display_duration: float | None = None
+    keep_open: str = "auto"
+    fade_s: float = 0.0
+    crossfade_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Showing:
+    """What the screen shows when the session begins, as the options of the same names say."""
+
+    view: str = "projector"
+    compensation: bool = True
+    adjustments: Adjustments = NEUTRAL
+    blackout: bool = False
+    osd: str = "auto"
+
+
+@dataclass(frozen=True)
+class Sound:
+    """The output of sound.
+
+    output : None without an output.
+    silence : why there is no output, reported when a medium has sound; None if the user wants no sound.
+    """
+
+    output: AudioOutput | None = None
+    silence: str | None = None
+
+
+PLAYING, SHOWING, NO_SOUND = Playing(), Showing(), Sound()
+
+
 class Session:
     """Plays a playlist through a renderer into a display.
 
@@ -50,10 +96,9 @@ class Session:
     governor : chooses the steps of each frame; None for no steps.
     appraised : whether every picture is compared with the optimum, and not only on request or for a promise.
     lasting : whether the show continues whatever happens to its media.
-    image_display_duration : seconds that a still is shown; None for no limit.
     unattended : whether the show runs without an operator. Notices then appear over the picture only if `osd` asks for
         them.
-    silence : why there is no audio output, reported when a medium has sound; None if the user wants no sound.
+    screenshots : folder of screenshots.
     clock : seconds, monotonic.
     """
 
@@ -65,40 +110,28 @@ class Session:
         display: Display,
         room: RoomInUse,
         *,
-        view: str = "projector",
-        compensation: bool = True,
         governor: Governor | None = None,
+        playing: Playing = PLAYING,
+        showing: Showing = SHOWING,
+        sound: Sound = NO_SOUND,
         appraised: bool = False,
-        adjustments: Adjustments = NEUTRAL,
         lasting: bool = False,
-        loop_file: bool = False,
-        speed: float = 1.0,
-        start_s: float = 0.0,
-        image_display_duration: float | None = None,
-        blackout: bool = False,
-        keep_open: str = "auto",
-        fade_s: float = 0.0,
-        crossfade_s: float = 0.0,
-        osd: str = "auto",
         unattended: bool = False,
         screenshots: Path = Path(),
-        audio: AudioOutput | None = None,
-        silence: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.playlist, self.renderer, self.display, self.room, self.audio = playlist, renderer, display, room, audio
-        self.view, self.compensation, self.blackout = view, compensation, blackout
+        self.playlist, self.renderer, self.display, self.room, self.clock = playlist, renderer, display, room, clock
+        self.view, self.compensation, self.blackout = showing.view, showing.compensation, showing.blackout
+        self.adjustments, self.osd, self.screenshots = showing.adjustments, showing.osd, screenshots
         self.governor = governor or Governor(0)
         self.governor.notice = self.notice
         self.appraisal, self._appraised = Appraisal(room.appraise, clock), appraised
-        self.adjustments, self.osd, self.screenshots = adjustments, osd, screenshots
-        self.image_display_duration, self.clock = image_display_duration, clock
         self.stats, self.message = Stats(), Message(clock)
         self.show_stats = self.done = False
         self.help_page = 0  # counted from 1; 0 for no page
         self.placing: Placing | None = None
-        self._outside = room.stand(adjustments.viewpoint)
-        self._hearing = Hearing(audio, silence, self.notice)
+        self._outside = room.stand(self.adjustments.viewpoint)
+        self.audio, self._hearing = sound.output, Hearing(sound.output, sound.silence, self.notice)
         self._lasting, self._unattended = lasting, unattended
         self._incoming: AnyRenderer | None = None
         self._draws = self._steps_made = 0
@@ -108,12 +141,13 @@ class Session:
         # clock times of the last timed frame and of the last upload
         self._timed_at, self._taken_at = float("-inf"), 0.0
         self.playback: Playback | None = None
-        self._manner = Manner(loop_file, speed)
-        self._start: tuple[Medium, float] | None = playlist.current, start_s
+        self._manner = Manner(playing.loop_file, playing.speed)
+        self._start: tuple[Medium, float] | None = playlist.current, playing.start_s
         self._pixels: PixelFormat | None = None  # the format that the renderer is open for
         self._lateness: Lateness | None = None
         self._prepared: Opening | None = None  # the next medium
-        self.keep_open, self.fade, self.crossfade_s = keep_open, Fade(fade_s, clock), crossfade_s
+        self.image_display_duration, self.keep_open = playing.image_display_duration, playing.keep_open
+        self.fade, self.crossfade_s = Fade(playing.fade_s, clock), playing.crossfade_s
         self._leaving: Leaving | None = None
         self._faded = 1.0, 0.0  # of the last rendered picture: share of the light, and share of the leaving medium
         self._quitting = False

@@ -33,7 +33,7 @@ class Show:
     heartbeat : reports signs of life; None for none.
     checks : checks of the room; None for none.
     lamps : projectors that remotes may switch.
-    beside : functions called once per loop, which must not wait.
+    polled : functions called once per loop, which must not wait.
     on_interrupt : takes the counts if Ctrl-C or SIGTERM ends the show.
     """
 
@@ -46,14 +46,14 @@ class Show:
         heartbeat: Heartbeat | None = None,
         checks: RoomChecks | None = None,
         lamps: Lamps | None = None,
-        beside: Sequence[Callable[[], None]] = (),
+        polled: Sequence[Callable[[], None]] = (),
         on_interrupt: Callable[[Stats], None] = lambda _: None,
     ) -> None:
         self.session, self.commands = session, commands_of(session, self._check, self._checking, lamps)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
-        self._told_at, self._beside, self._on_interrupt = float("-inf"), beside, on_interrupt
+        self._told_at, self._polled, self._on_interrupt = float("-inf"), polled, on_interrupt
         self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
@@ -81,7 +81,7 @@ class Show:
                 self.press(key)
             for pointer in session.display.pointers():
                 self.point(pointer)
-            for act in self._beside:
+            for act in self._polled:
                 act()
             self.step()
             for remote in self._remotes:  # now, because the next frame is as far away as possible

@@ -29,7 +29,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.words_fit import fit
-from counterlight.tools.inverse.words_light import ascending, small_map
+from counterlight.tools.inverse.words_light import small_map
 from counterlight.tools.shipped import CLIP
 from tests.bench.rows import REPEATS, WARM_UP, median_ms
 from tests.oracles.renderer import ReferenceRenderer
@@ -158,7 +158,7 @@ def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) 
 
 def words_of(packed: RowMap) -> WordMap:
     """Returns words that are certified to a code value per row, for any source within 0..1."""
-    rows = ascending(unpack(packed))
+    rows = unpack(packed).ascending()
     found = fit(rows, np.ones((rows.columns, 3)), np.full((rows.shape[0], 3), 1 / 255))
     return WordMap.of(small_map((packed.output_shape, packed.source_shape), rows, found))
 

@@ -19,6 +19,7 @@ from tests.fuzz.media import Media
 from tests.fuzz.memory import Frames, Loadfiles, Reloads, Seconds, Settings
 from tests.fuzz.remotes import Remotes
 from tests.fuzz.signals import Signals
+from tests.fuzz.solvers import Solvers
 from tests.fuzz.stages import Stages
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import Campaign, Plan, Tally
@@ -40,6 +41,7 @@ KINDS: tuple[type[Campaign], ...] = (
     Settings,
     Seconds,
     Frames,
+    Solvers,
 )
 FOUND = 1
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.joint_rooms import join, write_halves
-from tests.programs import succeed
+from tests.programs import here
 from tests.rooms import write_blurred_room
 
 
@@ -17,7 +17,7 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a room with projector 36x28 and camera 40x30, one per module, because a placement is saved in the room."""
     folder = tmp_path_factory.mktemp("small") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
-    succeed("build", folder, "--regularize", "0.1")
+    here("build", folder, "--regularize", "0.1")
     return folder
 
 
@@ -26,7 +26,7 @@ def plain_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a room with projector 100x75 and camera 120x90, without the maps of refinement."""
     folder = tmp_path_factory.mktemp("plain") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (90, 120), (75, 100))
-    succeed("build", folder, "--regularize", "0.1", "--no-refine")
+    here("build", folder, "--regularize", "0.1", "--no-refine")
     return folder
 
 
@@ -35,7 +35,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a room with two projectors (tests/joint_rooms.py)."""
     folder = tmp_path_factory.mktemp("joint")
     room = join(write_halves(folder), folder / "joint")
-    succeed("build", room, "--regularize", "0.1")
+    here("build", room, "--regularize", "0.1")
     return room
 
 

@@ -26,27 +26,32 @@ from tests.audience import (
     managed,
     runs,
     theatre,
+    write_film,
     write_films,
     write_room,
 )
 from tests.desktop import mouse, press, xrandr
-from tests.programs import PATIENCE_S, children, descendants, is_running, on, running, succeed, verb, wait_until
+from tests.programs import PATIENCE_S, children, descendants, here, is_running, on, running, verb, wait_until
 from tests.remote import Client
 
 DARK, BRIGHT = LEVELS
+FRAMES = 15  # of each level
 
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    return write_films(tmp_path_factory.mktemp("films"), 15)
+    """Write two flat films, and a film of 24 seconds that alternates, because each medium starts a decoder."""
+    folder = tmp_path_factory.mktemp("films")
+    both = [level for level in LEVELS.values() for _ in range(FRAMES)]
+    return [*write_films(folder, FRAMES), write_film(folder / "both.mkv", 20 * both)]
 
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory, films: list[Path]) -> Path:
     folder = tmp_path_factory.mktemp("audience") / "wall"
     write_room(folder)
-    succeed("build", folder, "--no-refine")
-    succeed("play", folder, films[0], "--output", folder.with_name("first.png"))  # compiles code before the timed shows
+    here("build", folder, "--no-refine")
+    here("play", folder, films[0], "--output", folder.with_name("first.png"))  # compiles code before the timed shows
     return folder
 
 
@@ -111,10 +116,11 @@ def test_a_window_manager_that_dies_and_another_that_begins(room: Path, films: l
     A new window that covers the projector is covered in turn.
     """
     options = "--fullscreen", *SILENT, "--osd", "off", "--loop"
-    with theatre(tmp_path, "none") as display, Audience(display, tmp_path) as audience:
+    with theatre(tmp_path, "none") as display:
         with managed(display, tmp_path, "icewm"):
             pass
-        with running(*verb("play"), room, *films, *options, **on(display)) as process:
+        show = running(*verb("play"), room, *films, *options, **on(display))
+        with Audience(display, tmp_path) as audience, show as process:
             evening = Evening(process, audience)
             evening.sees("black", DARK, BRIGHT)
             with managed(display, tmp_path, "openbox"):

@@ -1,18 +1,26 @@
 """Two projectors in two real windows: the X server shows each projector's part of the raster."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from tests import screens
 from tests.desktop import Box, expected_picture, mapped_windows, playing, press, screen, xrandr
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, SIDE_BY_SIDE, join, write_monitors
-from tests.programs import PATIENCE_S, ROOT, fail, on, running, succeed, wait_until
+from tests.programs import PATIENCE_S, ROOT, fail, here, on, running, wait_until
 
-MONITORS = {"DUMMY0": (0, 0, 1280, 720), "DUMMY1": (1280, 0, 1024, 768)}
+MONITORS = {"DUMMY0": (0, 0, 360, 216), "DUMMY1": (360, 0, 304, 232)}
+
+
+@pytest.fixture(scope="module")
+def two_monitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    first, second = (box[2:] for box in MONITORS.values())
+    with screens.two_monitors(tmp_path_factory.mktemp("two_monitors"), first, second) as display:
+        yield display
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +30,7 @@ def monitors_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sizes = [(height, width) for _, _, width, height in MONITORS.values()]
     names = [part for name in MONITORS for part in ("--monitor", name)]
     room = join(write_monitors(folder, sizes), folder / "joint", *names)
-    succeed("build", room, "--regularize", "0.01", "--no-refine")
+    here("build", room, "--regularize", "0.01", "--no-refine")
     return room
 
 
@@ -82,7 +90,7 @@ def test_each_monitor_is_filled_with_its_own_picture(
             xrandr(two_monitors, "--output", "DUMMY1", "--off")
             wait_until(shows(two_monitors, boxes[:1], wanted[:1]), "the first one stays", process)
         finally:
-            xrandr(two_monitors, "--output", "DUMMY1", "--mode", "1024x768", "--pos", "1280x0")
+            xrandr(two_monitors, "--output", "DUMMY1", "--mode", "304x232", "--pos", "360x0")
         wait_until(shows(two_monitors, boxes, wanted), "the second one is back", process)
         press(two_monitors, "c")
         wait_until(shows(two_monitors, boxes, corrected), "the corrected pictures", process)
@@ -114,7 +122,7 @@ def test_windows_are_moved_by_the_names_of_their_monitors(
     settings.write_text('[keys]\n"n" = "set monitor DUMMY1,DUMMY0"')
     there = "--monitor", "DUMMY0", "--monitor", "DUMMY1"
     with playing(two_monitors, joint, picture, *there, "--osd", "off", "--config", settings) as process:
-        for key, lefts in (("", (0, 1280)), ("n", (1280, 0))):
+        for key, lefts in (("", (0, 360)), ("n", (360, 0))):
             if key:
                 press(two_monitors, key)
             boxes = tuple((left, 0, width, height) for left, (height, width) in zip(lefts, (LEFT, RIGHT), strict=True))
@@ -130,7 +138,7 @@ def test_windows_are_moved_by_the_names_of_their_monitors(
         (["--monitor", "DUMMY0"], "monitors: 1 named, the calibration has 2 projectors; name one for each"),
         (["--monitor", "DUMMY0", "--monitor", "DUMMY0"], "monitor DUMMY0: named for two projectors"),
         (["--monitor", "DUMMY0", "--monitor", "HDMI-7"], "monitor 'HDMI-7': not there"),
-        (["--fullscreen"], "monitor DUMMY0: 1280x720, the calibration is for a projector of 44x30"),
+        (["--fullscreen"], "monitor DUMMY0: 360x216, the calibration is for a projector of 44x30"),
     ],
 )
 def test_monitors_that_do_not_suit(

@@ -97,7 +97,7 @@ def test_empty_rows_give_the_base_and_no_row_reads_another_pixel(gl_context: mod
 
 @pytest.mark.parametrize("path", PATHS)
 def test_a_map_without_entries_gives_black(gl_context: moderngl.Context, path: str) -> None:
-    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32), 20)
+    empty = SparseRows.empty(6, 20)
     stored = store(gl_context, pack(empty, (2, 3), (4, 5)), path)
     assert not multiply(gl_context, stored, np.ones((4, 5, 3), np.float32)).any()
 

@@ -5,7 +5,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -16,7 +16,7 @@ import pytest
 from counterlight.files import exr
 from counterlight.gl.context import in_software
 from counterlight.response import Response
-from counterlight.tools.shipped import CLIP
+from tests import screens
 from tests.desktop import (
     ON_A_GPU,
     ON_THE_PROCESSOR,
@@ -28,20 +28,27 @@ from tests.desktop import (
     window_depths,
     xrandr,
 )
+from tests.media import numbered, write_video
 from tests.oracles import encoding
-from tests.programs import PATIENCE_S, command, descendants, fail, on, succeed, wait_until
+from tests.programs import PATIENCE_S, command, descendants, fail, here, on, wait_until
 from tests.rooms import write_blurred_room, write_one_to_one_room
-from tests.screens import one_screen
 
 WINDOW = (0, 0, 50, 37)  # left, top, width, height of the projector's window on a bare X server
-SECOND_MONITOR = (1280, 0, 1024, 768)
+FIRST_MONITOR, SECOND_MONITOR = (0, 0, 360, 216), (360, 0, 304, 232)
+
+
+@pytest.fixture(scope="module")
+def two_monitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("two_monitors")
+    with screens.two_monitors(folder, FIRST_MONITOR[2:], SECOND_MONITOR[2:]) as display:
+        yield display
 
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("window") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (44, 60), (37, 50))
-    succeed("build", folder, "--regularize", "0.1")
+    here("build", folder, "--regularize", "0.1")
     return folder
 
 
@@ -50,8 +57,14 @@ def large_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a room with the second monitor's size, whose camera sees pixel for pixel; refinement is unnecessary."""
     folder = tmp_path_factory.mktemp("window") / "large"
     write_one_to_one_room(folder, (SECOND_MONITOR[3], SECOND_MONITOR[2]))
-    succeed("build", folder, "--regularize", "0.01", "--no-refine")
+    here("build", folder, "--regularize", "0.01", "--no-refine")
     return folder
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a film of 5.28 seconds."""
+    return write_video(tmp_path_factory.mktemp("film") / "film.mkv", [numbered(n % 20) for n in range(132)])
 
 
 @pytest.fixture(scope="module")
@@ -62,25 +75,41 @@ def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
+def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels_and_comes_back_with_it(
     two_monitors: str, large_room: Path, picture: Path, tmp_path: Path
 ) -> None:
+    """The monitor is named by its name, then by its number. The second player's monitor goes and comes back."""
     expected = expected_picture(large_room, picture, tmp_path)
     listed = command("play", "--list-monitors", **on(two_monitors))
     assert listed.returncode == 0
     assert [line.split()[1] for line in listed.stdout.splitlines()] == ["DUMMY0", "DUMMY1"]
-    for monitor in ("DUMMY1", "1"):
-        with playing(two_monitors, large_room, picture, "--fullscreen", "--monitor", monitor) as process:
-            wait_until(
-                lambda: np.array_equal(screen(two_monitors, SECOND_MONITOR), expected), "the picture appears", process
-            )
-            assert screen(two_monitors, (0, 0, 1280, 720)).max() == 0  # the other monitor stays black
-            press(two_monitors, "g")
-            wait_until(
-                lambda: screen(two_monitors, (0, 0, 1280, 720)).max() > 200, "its name on the other one", process
-            )
-            press(two_monitors, "q")
-            assert process.wait(PATIENCE_S) == 0
+
+    def fills() -> bool:
+        return np.array_equal(screen(two_monitors, SECOND_MONITOR), expected)
+
+    with playing(two_monitors, large_room, picture, "--fullscreen", "--monitor", "DUMMY1") as process:
+        wait_until(fills, "the picture appears", process)
+        assert screen(two_monitors, FIRST_MONITOR).max() == 0  # the other monitor stays black
+        press(two_monitors, "g")
+        wait_until(lambda: screen(two_monitors, FIRST_MONITOR).max() > 200, "its name on the other one", process)
+        press(two_monitors, "q")
+        assert process.wait(PATIENCE_S) == 0
+    with playing(two_monitors, large_room, picture, "--fullscreen", "--monitor", "1") as process:
+        wait_until(fills, "the picture appears", process)
+        assert screen(two_monitors, FIRST_MONITOR).max() == 0
+        try:
+            xrandr(two_monitors, "--output", "DUMMY1", "--off")
+            wait_until(lambda: not fills(), "the monitor goes", process)
+            time.sleep(1)
+        finally:
+            xrandr(two_monitors, "--output", "DUMMY1", "--mode", "304x232", "--pos", "360x0")
+        wait_until(fills, "the picture is back", process)
+        process.terminate()
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    assert errors.splitlines()[:2] == [
+        "monitor DUMMY1 has gone; its window waits until it is back",
+        "monitor DUMMY1 is back",
+    ]
 
 
 def test_a_screen_of_ten_bits_gets_codes_of_ten_bits(large_room: Path, tmp_path: Path) -> None:
@@ -88,11 +117,11 @@ def test_a_screen_of_ten_bits_gets_codes_of_ten_bits(large_room: Path, tmp_path:
     shape = SECOND_MONITOR[3], SECOND_MONITOR[2]
     ramp = np.broadcast_to(np.linspace(0, 0.4, shape[1], dtype=np.float32)[:, None], (*shape, 3))
     exr.write_rgb(tmp_path / "ramp.exr", ramp)
-    succeed("play", large_room, tmp_path / "ramp.exr", "--backend", "gl", "--output", tmp_path / "drive.exr")
+    here("play", large_room, tmp_path / "ramp.exr", "--backend", "gl", "--output", tmp_path / "drive.exr")
     drive = exr.read_rgb(tmp_path / "drive.exr")
     expected = encoding.encode(drive, Response("linear").inverse_table(), bits=10).astype(int)
     box = (0, 0, shape[1], shape[0])
-    with one_screen(tmp_path, (shape[1], shape[0]), depth=30) as display:
+    with screens.one_screen(tmp_path, (shape[1], shape[0]), depth=30) as display:
         assert "10 bits" in command("play", "--list-monitors", **on(display)).stdout
 
         def exact() -> bool:
@@ -116,7 +145,7 @@ def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room:
     assert "HDMI-7" in line
     assert "DUMMY0" in line
     line = fail("play", room, picture, "--fullscreen", "--monitor", "DUMMY1", **on(two_monitors))
-    assert "1024x768, the calibration is for a projector of 50x37" in line
+    assert "304x232, the calibration is for a projector of 50x37" in line
 
 
 @pytest.mark.parametrize("how", [ON_A_GPU, ON_THE_PROCESSOR], ids=["gpu", "processor"])
@@ -151,19 +180,22 @@ def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, 
 def test_a_window_without_a_gpu_is_drawn_by_the_processor(
     xvfb: str, room: Path, picture: Path, tmp_path: Path, gl_context: moderngl.Context
 ) -> None:
-    """The processor draws unless a path is requested. A view of another size has its own picture."""
-    stats, software = tmp_path / "stats.json", in_software(gl_context.info["GL_RENDERER"])
-    drawn, short = {}, ("--stats", stats, "--image-display-duration", "0.1")
-    for words in ((), ("--view", "camera"), ("--shader", "compute"), ("--backend", "gl")):
-        done = command("play", room, picture, *short, *words, **on(xvfb))
-        assert done.returncode == 0, done.stderr
-        drawn[words[1:]] = json.loads(stats.read_text())["gpu_path"]["name"] == "cpu"
-    assert drawn == {(): software, ("camera",): software, ("compute",): False, ("gl",): False}
-
-
-def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Path) -> None:
+    """A view of another size has its own picture. The shows of other tests request OpenGL, or nothing."""
     stats = tmp_path / "stats.json"
-    done = command("play", room, CLIP, "--shader", "auto", "--stats", stats, "--start", "4", **on(xvfb))
+    options = "--view", "camera", "--stats", stats, "--image-display-duration", "0.1"
+    done = command("play", room, picture, *options, **on(xvfb))
+    assert done.returncode == 0, done.stderr
+    assert (path_of(stats) == "cpu") == in_software(gl_context.info["GL_RENDERER"])
+
+
+def path_of(stats: Path) -> str:
+    """Return what has drawn a show: the processor ("cpu"), or the path of a GPU."""
+    return str(json.loads(stats.read_text())["gpu_path"]["name"])
+
+
+def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, film: Path, tmp_path: Path) -> None:
+    stats = tmp_path / "stats.json"
+    done = command("play", room, film, "--backend", "gl", "--stats", stats, "--start", "4", **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
@@ -173,8 +205,8 @@ def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Pa
     assert chosen[f"{chosen['name']}_ms"] == min(measured.values()) > 0
 
 
-def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path, tmp_path: Path) -> None:
-    with playing(xvfb, room, CLIP, "--loop") as process:
+def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path, film: Path, tmp_path: Path) -> None:
+    with playing(xvfb, room, film, "--loop") as process:
         for kill in (False, True, True):
             if kill:
                 (decoder,) = descendants(process.pid)
@@ -186,31 +218,6 @@ def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert errors.count("decoder stopped (signal 11, SIGSEGV)") == 2
-
-
-def test_a_monitor_that_comes_back_gets_its_window_back(
-    two_monitors: str, large_room: Path, picture: Path, tmp_path: Path
-) -> None:
-    expected = expected_picture(large_room, picture, tmp_path)
-    with playing(two_monitors, large_room, picture, "--fullscreen", "--monitor", "DUMMY1") as process:
-
-        def fills() -> bool:
-            return np.array_equal(screen(two_monitors, SECOND_MONITOR), expected)
-
-        wait_until(fills, "the picture appears", process)
-        try:
-            xrandr(two_monitors, "--output", "DUMMY1", "--off")
-            wait_until(lambda: not fills(), "the monitor goes", process)
-            time.sleep(1)
-        finally:
-            xrandr(two_monitors, "--output", "DUMMY1", "--mode", "1024x768", "--pos", "1280x0")
-        wait_until(fills, "the picture is back", process)
-        process.terminate()
-        _, errors = process.communicate(timeout=PATIENCE_S)
-    assert errors.splitlines()[:2] == [
-        "monitor DUMMY1 has gone; its window waits until it is back",
-        "monitor DUMMY1 is back",
-    ]
 
 
 def test_a_damaged_map_does_not_replace_the_one_that_plays(
@@ -235,26 +242,30 @@ def test_a_damaged_map_does_not_replace_the_one_that_plays(
         press(xvfb, "c")
         wait_until(shows(corrected), "the old map's picture", process)
         entries.write_bytes(whole)
-        succeed("build", folder, "--regularize", "0.5")
+        here("build", folder, "--regularize", "0.5")
         smoother = expected_picture(folder, picture, tmp_path, *steps)
         assert np.abs(smoother - corrected).max() > 5
         press(xvfb, "r", "Control_L")
         wait_until(shows(smoother), "the new map's picture", process)
         press(xvfb, "q")
         assert process.wait(PATIENCE_S) == 0
+    assert path_of(stats) == "fragment"
     (notice,) = json.loads(stats.read_text())["notices"]
     assert "entries.exr" in notice
 
 
-def test_pictures_of_a_list_follow_each_other(xvfb: str, room: Path, tmp_path: Path) -> None:
+def test_pictures_of_a_list_follow_each_other(
+    xvfb: str, room: Path, tmp_path: Path, gl_context: moderngl.Context
+) -> None:
     for index, level in enumerate((60, 120, 200)):
         cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((30, 40, 3), level, np.uint8))
     listed, stats = tmp_path / "list.m3u", tmp_path / "stats.json"
     listed.write_text("0.png\ngone.png\n1.png\n2.png\n")
-    options = "--image-display-duration", "0.5", "--stats", stats
+    options = "--image-display-duration", "0.2", "--stats", stats
     done = command("play", room, listed, *options, **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] == 3
     assert len(numbers["notices"]) == 1
     assert "gone.png: no such file" in numbers["notices"][0]
+    assert (path_of(stats) == "cpu") == in_software(gl_context.info["GL_RENDERER"])

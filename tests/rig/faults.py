@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from tests.rig.files import Stored
 from tests.rig.projector import Projector
 from tests.rig.rig import Devices
 from tests.rig.sensor import Sensor
@@ -46,6 +47,8 @@ _NAMED = (
     Fault("home", "12 % crosstalk, gamma 2.1/2.2/2.35, nothing given", Devices("12 %"), given=""),
     Fault("led", "LED primaries, a camera's sensitivities, response given", Devices("led")),
     Fault("wheel", "a colour wheel's primaries, response given", Devices("wheel")),
+    Fault("webcam", "as known, 8-bit JPEGs of quality 92, 4:2:0, sRGB", Devices(stored=Stored("srgb", quality=92))),
+    Fault("curve", "as webcam, a vendor's S-curve after sRGB", Devices(stored=Stored("vendor", quality=92))),
     Fault("segment", "as known, a white segment of 0.4", Devices(projector=Projector(white_segment=0.4))),
     Fault("drift", "as known, then the projector's picture has moved by a pixel", later=(("shift", (0.8, 0.6)),)),
     Fault("lamp", "as known, then the lamp gives nine tenths", later=(("projector", Projector(lamp=0.9)),)),

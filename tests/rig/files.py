@@ -19,36 +19,62 @@ class Stored:
     curve : one of CURVES, or a number as gamma.
     bits : 16, as the sensor gives them, or 8.
     quality : of JPEG with halved colours (4:2:0); 0 for PNG.
+    smoothing : radius in pixels of a blur that reduces noise, before the curve.
+    sharpening : share of the difference from a blur by a pixel that is added, after the curve.
     """
 
     curve: str | float = "linear"
     bits: int = 8
     quality: int = 0
+    smoothing: float = 0.0
+    sharpening: float = 0.0
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the files."""
+        return ".jpg" if self.quality else ".png"
 
     def codes(self, sensor: NDArray[np.uint16]) -> NDArray[Any]:
         """Returns the codes that a program reads from such a file: (height, width, 3)."""
+        if not self.quality:
+            return self._developed(sensor)
+        decoded = cv2.imdecode(np.frombuffer(self.content(sensor), np.uint8), cv2.IMREAD_COLOR)
+        assert decoded is not None
+        return np.asarray(decoded[..., ::-1], np.uint8)
+
+    def content(self, sensor: NDArray[np.uint16]) -> bytes:
+        """Returns the file of what the sensor saw."""
+        options = cv2.IMWRITE_PNG_COMPRESSION, 1
+        if self.quality:
+            halved = cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420
+            options = cv2.IMWRITE_JPEG_QUALITY, self.quality, *halved
+        done, content = cv2.imencode(self.suffix, np.ascontiguousarray(self._developed(sensor)[..., ::-1]), options)
+        assert done
+        return bytes(content)
+
+    def _developed(self, sensor: NDArray[np.uint16]) -> NDArray[Any]:
+        """Returns the codes before they are compressed."""
         light = sensor / FULL
+        if self.smoothing:
+            light = cv2.GaussianBlur(light, (0, 0), self.smoothing)
         seen = light ** (1 / self.curve) if isinstance(self.curve, float) else CURVES[self.curve](light)
-        if self.bits == 16:
-            return np.rint(FULL * seen).astype(np.uint16)
-        codes = np.rint(255 * seen).astype(np.uint8)
-        return codes if self.quality == 0 else _compressed(codes, self.quality)
-
-
-def _compressed(codes: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    halved = cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420
-    done, content = cv2.imencode(
-        ".jpg", np.ascontiguousarray(codes[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality, *halved]
-    )
-    assert done
-    decoded = cv2.imdecode(content, cv2.IMREAD_COLOR)
-    assert decoded is not None
-    return np.asarray(decoded[..., ::-1], np.uint8)
+        if self.sharpening:
+            seen = np.clip(seen + self.sharpening * (seen - cv2.GaussianBlur(seen, (0, 0), 1.0)), 0, 1)
+        full = (1 << self.bits) - 1
+        return np.rint(full * seen).astype(np.uint8 if self.bits == 8 else np.uint16)
 
 
 def _srgb(light: FloatArray) -> FloatArray:
     """Apply the sRGB curve (IEC 61966-2-1)."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+
+def _vendor(light: FloatArray) -> FloatArray:
+    """Apply a vendor's picture style: sRGB, then an S that lifts highlights and lowers shadows, on a raised black."""
+    codes = _srgb(light)
+    steep = 4.0
+    curve = np.tanh(steep * (codes - 0.5) / 2) / np.tanh(steep / 4)
+    return 0.02 + 0.97 * (0.6 * codes + 0.4 * (0.5 + 0.5 * curve))
 
 
 def _contrast(light: FloatArray) -> FloatArray:
@@ -59,7 +85,11 @@ def _contrast(light: FloatArray) -> FloatArray:
 CURVES = {
     "linear": lambda light: light,
     "srgb": _srgb,
+    "vendor": _vendor,
     "S": _contrast,
     "srgb, then S": lambda light: _contrast(_srgb(light)),
+    "raised": lambda light: 0.1 + 0.9 * np.sqrt(light),
+    "logarithm": lambda light: np.log1p(40 * light) / np.log(41),
     "weak S": lambda light: 0.6 * light + 0.4 * _contrast(light),
 }
+RAW = Stored(bits=16)

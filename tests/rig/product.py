@@ -94,7 +94,7 @@ def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *wo
     camera = "--camera", f"folder:{exchange}", "--projector", f"{width}x{height}", "--wait", WAIT_S
     with log.open("w") as errors, running(*verb(name), *words, *camera, errors=errors.fileno()) as process:
         while process.poll() is None:
-            _photograph_new(rig, exchange, seed)
+            photograph_new(rig, exchange, seed)
             time.sleep(POLL_S)
         assert process.stdout
         said = process.stdout.read()
@@ -102,16 +102,16 @@ def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *wo
     return said
 
 
-def _photograph_new(rig: Rig, exchange: Path, seed: int) -> None:
+def photograph_new(rig: Rig, exchange: Path, seed: int) -> None:
     """Photograph patterns without a capture. Captures are renamed into place, so that no process reads half a file."""
+    stored = rig.devices.stored
     for path in sorted((exchange / "patterns").glob("[0-9]*.png")):
-        target = exchange / "captures" / path.name
+        target = exchange / "captures" / f"{path.stem}{stored.suffix}"
         if target.exists():
             continue
         shown = cv2.imread(str(path), cv2.IMREAD_COLOR)
         assert shown is not None, path
         capture = rig.photograph(shown[..., ::-1], seed, int(path.stem))
         begun = target.with_name(f".{target.name}")
-        fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-        assert cv2.imwrite(str(begun), np.ascontiguousarray(capture[..., ::-1]), fast), begun
+        begun.write_bytes(stored.content(capture))
         begun.rename(target)

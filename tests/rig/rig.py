@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.rig.files import RAW, Stored
 from tests.rig.light import LIGHTS
 from tests.rig.projector import Projector
 from tests.rig.rays import FloatArray
@@ -22,6 +23,7 @@ class Devices:
     """The devices in a room, in their present state.
 
     light : one of LIGHTS.
+    stored : how the camera stores what its sensor saw.
     room_light : a share of a floodlit white's light.
     shift : of the projector's picture, projector pixels.
     camera_moved : in samples (quarters of a pixel), right and down.
@@ -30,6 +32,7 @@ class Devices:
     light: str = "separate"
     projector: Projector = field(default_factory=Projector)
     sensor: Sensor = field(default_factory=Sensor)
+    stored: Stored = RAW
     room_light: float = 0.01
     shift: Shift = (0.0, 0.0)
     camera_moved: tuple[int, int] = (0, 0)
@@ -87,7 +90,7 @@ class Rig:
         return self.exposure * self.audience.rise(light) + self._ambient_scale * self.audience.ambient()
 
     def photograph(self, codes: NDArray[np.uint8], *seed: int) -> NDArray[np.uint16]:
-        """Returns a stored capture of the calibrated camera: (camera height, camera width, 3), 16 bits."""
+        """Returns what the calibrated camera's sensor saw: (camera height, camera width, 3), 16 bits."""
         moved = self.devices.camera_moved
         seen = self.seen(codes) if moved == (0, 0) else self._seen_from_elsewhere(codes)
         rng = np.random.default_rng(seed)

@@ -26,21 +26,22 @@ from tests.rig.sensor import Sensor
 
 SCHEMES: dict[str, MakeScheme] = {"hierarchical": HierarchicalScheme(), "multiplexed": MultiplexedScheme()}
 WAYS = {"once": False, "by noise": True}
+LINEAR = Exposures()
 ANY_TIME = Aim(seconds=1e9)
 
 
 class RigCamera:
     """The rig's camera with the product's camera interface."""
 
-    name, exposures = "rig", Exposures()
+    name = "rig"
 
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+    def __init__(self, rig: Rig, exposures: Exposures = LINEAR) -> None:
+        self._rig, self.exposures, self.raster = rig, exposures, rig.raster
 
     def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None: ...
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
-        return (self._rig.photograph(codes_of(picture), number),)
+        return (self._rig.devices.stored.codes(self._rig.photograph(codes_of(picture), number)),)
 
 
 def noisy_rig(room: Room, electrons: float) -> Rig:

@@ -2,7 +2,8 @@
 
 1. Black and floodlight, 16 captures each. Black is subtracted from every capture. Both give the noise, and the
    floodlight decides how smooth pictures turn out.
-2. A picture and its complement, which show whether the camera is linear.
+2. A picture and its complement, which show whether the camera is linear. If it may have a curve, more pictures measure
+   the curve (curve.py), and all captures are read with it.
 3. Ramps, which give the projector's response and its primaries.
 4. The scheme's pictures. Each is captured once, or as often as the noise requires (averaging.py).
 5. Floodlight again, which reveals a moved camera.
@@ -12,6 +13,7 @@ Several projectors are measured one after the other, while the others show black
 all projectors and is captured once.
 """
 
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +31,8 @@ from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, r
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
-from counterlight.tools.acquisition.linearity import SHOTS, bends_of, refuse_bends, shown_halves
+from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_of, curve_pictures
+from counterlight.tools.acquisition.linearity import SHOTS, Bend, bends_of, refuse_bends, shown_halves
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.pace import Clock
 from counterlight.tools.acquisition.plan import (
@@ -46,7 +49,7 @@ from counterlight.tools.acquisition.plan import (
     measure_noise,
 )
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
-from counterlight.tools.acquisition.recording import Part, Recorder, Store
+from counterlight.tools.acquisition.recording import Part, Recorder, Store, StoredCaptures
 
 MOST_SATURATED = 0.02  # share of the camera's pixels
 LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise; by this multiple of the noise
@@ -70,6 +73,7 @@ class Acquisition:
     coloured : test of T and the response by random greys and colours.
     by_measured : like `coloured`, with the measured response even if another response was given.
     averaged : how often pictures were captured; None if once.
+    curve : measured curve of the camera; None if the curve was given or the camera is linear.
     """
 
     measured: Measured
@@ -83,6 +87,7 @@ class Acquisition:
     coloured: Check | None
     by_measured: Check | None
     averaged: Averaged | None = None
+    curve: Curve | None = None
 
 
 def acquire(
@@ -114,21 +119,57 @@ def acquire(
     first, told = len(shown), [[part.in_raster(each) for each in _told_first(part)] for part in parts]
     later = tuple(chain(*expected))
     captures = recorder.capture(Level("black and floodlight", [*shown, *chain(*told)], later))
+    curve = _measured_curve(camera, store, captures, parts[0], (first, len(parts)))
     rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
     averagings = list[Averaging | None]()
     for part, room, pictures in zip(parts, rooms, told, strict=True):
         seen = [capture.astype(np.float64) for capture in captures[first : first + len(pictures)]]
         first += len(pictures)
         if seen:
-            bends = bends_of(camera, room, mean_of(seen[:SHOTS]), mean_of(seen[SHOTS : 2 * SHOTS]))
-            refuse_bends(camera, bends, part.name)
+            refuse_bends(camera, _bends(camera, room, seen), part.name, measured=curve is not None)
         averagings.append(part.averaging(room, seen[-1]) if seen and part.averaged else None)
     recorder.averaging = averagings[0]
     recorder.foretell(later)
     return [
-        _acquire(part, make_scheme, room, given, averaging)
+        replace(_acquire(part, make_scheme, room, given, averaging), curve=curve)
         for part, room, averaging in zip(parts, rooms, averagings, strict=True)
     ]
+
+
+def _bends(camera: Camera, room: Reference, seen: Sequence[FloatArray]) -> list[Bend | None]:
+    """Returns the bend of each camera; `seen` begins with the captures of `shown_halves`."""
+    return bends_of(camera, room, mean_of(seen[:SHOTS]), mean_of(seen[SHOTS : 2 * SHOTS]))
+
+
+def _measured_curve(
+    camera: Camera, store: Store, captures: StoredCaptures, part: Part, halves: tuple[int, int]
+) -> Curve | None:
+    """Measure the camera's curve with the first projector, and read all captures with it; None if it is not needed.
+
+    halves : index of the first projector's first half, and the number of projectors.
+    """
+    first, parts = halves
+
+    def wanted() -> bool:
+        if camera.exposures.known or not part.halves or store.has(captures.end):
+            return False
+        if captures.shots(0)[0].dtype == np.uint8:
+            return True
+        room = _reference(camera, store, captures, part, parts)
+        bends = _bends(camera, room, [each.astype(np.float64) for each in captures[first : first + 2 * SHOTS]])
+        return any(bend is not None and bend.is_suspect for bend in bends)
+
+    if not store.has_curve(wanted):
+        return None
+    if not store.has(captures.end):
+        print(f"the camera may have a curve: {CURVE_PICTURES} more pictures measure it", file=sys.stderr, flush=True)
+    seen = part.capture(Level("the camera's curve", curve_pictures(part.projector), part.expected))
+    if camera.exposures.known:
+        return None
+    black, white, again = (captures.shots(number) for number in (0, part.number, part.number + parts + 1))
+    found = curve_of([black, white, *(seen.shots(i) for i in range(len(seen)))], camera.exposures, again)
+    store.develop(found.response)
+    return found
 
 
 def _told_first(part: Part) -> list[Picture]:

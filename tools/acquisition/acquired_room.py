@@ -18,7 +18,7 @@ from counterlight.response import Response
 from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import DEFAULT_AIM, Acquisition, acquire
 from counterlight.tools.acquisition.averaging import Aim
-from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
+from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
@@ -134,7 +134,7 @@ def _part(done: Acquisition, projector: Shape, camera: Camera, plan: Plan, name:
         name,
         f"acquire-transport, scheme {plan.scheme}, {done.pictures} pictures, camera {camera.name}; response {source}",
         (Device(*projector, response),),
-        Device(shape[0], shape[1], LINEAR),
+        Device(shape[0], shape[1], done.curve.response if done.curve else camera.exposures.response),
         ambient,
         mask,
         None if done.light is None else done.light.primaries,

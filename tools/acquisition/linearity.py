@@ -31,6 +31,7 @@ MOST_BENT = 0.08  # linear cameras measured up to 0.05, as JPEG of quality 50; a
 SURELY = 4  # standard deviations
 SCATTERED = 2  # multiple of the scatter; the sums of a curve scatter by less than its bend
 MODEL = 0.02  # relative error of sums that no cause here explains
+SUSPECT = 0.02  # bend from which on the curve is measured
 FEWEST = 30  # camera values
 LEAST_SPREAD = 1e-3  # variance of 1 − x²; below it, no pixel sees both pictures, or each pixel sees both alike
 
@@ -53,10 +54,24 @@ class Bend:
         """Whether the bend is that of a linear camera, or too scattered to come from a camera at all."""
         return abs(self.amount) <= max(MOST_BENT + SURELY * self.deviation, SCATTERED * self.scatter)
 
-    def told(self, response: Response = LINEAR) -> str:
-        """Returns the fault and its remedy; `response` is the response given for the camera."""
+    @property
+    def is_suspect(self) -> bool:
+        """Whether the camera may have a curve, even a weak one."""
+        return abs(self.amount) > max(SUSPECT + SURELY * self.deviation, SCATTERED * self.scatter)
+
+    def told(self, response: Response = LINEAR, *, measured: bool = False) -> str:
+        """Returns the fault and its remedy.
+
+        response : the response given for the camera.
+        measured : whether the captures were read with a measured curve.
+        """
         half = f"half and half of the light are captured as {100 * (1 + self.amount):.0f} % of the whole"
         expected = f"expected 100 ± {100 * MOST_BENT:.0f} %"
+        if measured:
+            return (
+                f"{half} ({expected}), even with the camera's curve as measured: lock the camera's exposure, gain and "
+                "white balance, switch the projector's dynamic contrast and scaling off, and acquire again"
+            )
         if response != LINEAR:
             cause = "--camera-response is not the camera's curve"
         elif self.amount > 0:
@@ -73,14 +88,20 @@ class Bend:
 
 
 def halves_of(projector: tuple[int, int]) -> Pattern:
-    """Returns a pattern of superposed cells of 1, 2, 4 … pixels, half of the pixels lit; the seed is fixed."""
-    rng, field = np.random.default_rng(SEED), np.zeros(projector)
+    """Returns a pattern of cells of all sizes with half of the pixels lit."""
+    (field,) = cells_of(projector)
+    return np.asarray(field > np.median(field))
+
+
+def cells_of(projector: tuple[int, int], fields: int = 1) -> FloatArray:
+    """Returns random fields of superposed cells of 1, 2, 4 … pixels: (fields, height, width); the seed is fixed."""
+    rng, found = np.random.default_rng(SEED), np.zeros((fields, *projector))
     side = 1
     while side <= max(max(projector) // 4, 1):
-        cells = rng.standard_normal([-(-length // side) for length in projector])
-        field += cells.repeat(side, axis=0).repeat(side, axis=1)[: projector[0], : projector[1]]
+        cells = rng.standard_normal([fields, *(-(-length // side) for length in projector)])
+        found += cells.repeat(side, axis=1).repeat(side, axis=2)[:, : projector[0], : projector[1]]
         side *= 2
-    return np.asarray(field > np.median(field))
+    return found
 
 
 def shown_halves(projector: tuple[int, int]) -> list[Pattern]:
@@ -148,9 +169,15 @@ def bends_of(camera: Camera, room: Reference, picture: FloatArray, complement: F
     ]
 
 
-def refuse_bends(camera: Camera, bends: Sequence[Bend | None], name: str = "") -> None:
-    """Raises InputError if a bend is not that of a linear camera; `name` is a prefix that names the projector."""
+def refuse_bends(camera: Camera, bends: Sequence[Bend | None], name: str = "", *, measured: bool = False) -> None:
+    """Raises InputError if a bend is not that of a linear camera.
+
+    name : prefix that names the projector.
+    measured : whether the captures were read with a measured curve.
+    """
     for number, bend in enumerate(bends, 1):
         if bend is not None and not bend.is_linear:
             who = f"{name}camera {number}: " if len(bends) > 1 else name
-            raise InputError(f"{who}light does not add up in the captures: {bend.told(camera.exposures.response)}")
+            raise InputError(
+                f"{who}light does not add up in the captures: {bend.told(camera.exposures.response, measured=measured)}"
+            )

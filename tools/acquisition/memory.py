@@ -1,10 +1,12 @@
 """Captures kept in memory, for an acquisition that is only simulated."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 
 
@@ -18,6 +20,12 @@ class MemoryStore:
 
     def repeats(self, level: int, choose: Callable[[], int]) -> int:
         return choose()
+
+    def has_curve(self, choose: Callable[[], bool]) -> bool:
+        return choose()
+
+    def develop(self, response: Response) -> None:
+        self._exposures = replace(self._exposures, response=response)
 
     def has(self, number: int) -> bool:
         return number in self._kept

@@ -24,6 +24,7 @@ LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # share of the brightest rise; share
 MOST_SATURATED, LEAST_BRIGHT = 0.02, 0.25
 MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # shares of the projector's light
 OBEYED = 0.15  # tolerance: half the exposure time must give half the light
+FOLLOWED = 0.95  # share of the code values that half the exposure time may give at most, if the curve is unknown
 WATCHED, STEADY, CALM = 12, 0.02, 0.01  # frames; allowed relative drift and flicker
 ADDITIVE = 0.03
 SEQUENCE = np.array([1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0], np.bool_)  # maximal length: every shift differs
@@ -59,10 +60,13 @@ def refuse_bad(finding: Finding) -> None:
 
 
 class _Rig:
-    """Shows, waits and photographs for the checks, and keeps the captures of black and white."""
+    """Shows, waits and photographs for the checks, and keeps the captures of black and white.
+
+    curved : whether the camera has a curve that the acquisition will measure.
+    """
 
     def __init__(self, camera: LiveCamera) -> None:
-        self.camera, self._number = camera, FIRST_NUMBER
+        self.camera, self._number, self.curved = camera, FIRST_NUMBER, False
         self._slow = SETTLED + camera.lag
         self.black, self.white = (self.shots(level, self._slow) for level in (0, 255))
         rise = self.light(self.white) - self.light(self.black)
@@ -131,7 +135,8 @@ def ambient(rig: _Rig) -> Finding:
     black, white = (float(rig.light(shots)[rig.lit].mean()) for shots in (rig.black, rig.white))
     share = black / max(white - black, np.finfo(float).tiny)
     says = f"with the projector black the room has {100 * share:.1f} % of its light"
-    grade: Grade = "bad" if share > MOST_AMBIENT else "doubtful" if share > MUCH_AMBIENT else "good"
+    known = rig.camera.exposures.known  # with a curve, codes overstate the share
+    grade: Grade = "bad" if share > MOST_AMBIENT and known else "doubtful" if share > MUCH_AMBIENT else "good"
     return Finding("ambient", grade, says if grade == "good" else f"{says}: switch lamps off, close the curtains")
 
 
@@ -145,7 +150,10 @@ def exposure(rig: _Rig) -> Finding:
         rig.camera.wait(rig._slow)
         levels.append(rig.camera.exposures.one(eye.frame(), 1.0)[clear].mean())
     ratio = float(levels[1] / levels[0]) if levels[0] > 0 else 0.0
-    if abs(2 * ratio - 1) > OBEYED:
+    known = rig.camera.exposures.known
+    if not known and ratio <= FOLLOWED:
+        return Finding("exposure", "good", f"half the exposure time gives {100 * ratio:.1f} % of the code values")
+    if not known or abs(2 * ratio - 1) > OBEYED:
         return Finding(
             "exposure", "bad", f"half the exposure time gives {100 * ratio:.0f} % of the light, not 50 %: the camera "
             "ignores it (switch its automatic exposure off) or its response is another one (--camera-response)",
@@ -231,6 +239,12 @@ def linearity(rig: _Rig) -> Finding:
     if not bends:
         return Finding("linearity", "doubtful", "too dark to tell whether the camera is linear: expose longer")
     worst = max(bends, key=lambda bend: abs(bend.amount))
+    rig.curved = not rig.camera.exposures.known and not worst.is_linear
+    if rig.curved:
+        return Finding(
+            "linearity", "good", f"half and half of the light are captured as {100 * (1 + worst.amount):.0f} % of the "
+            "whole: the camera has a curve, which the acquisition measures",
+        )  # fmt: skip
     if not worst.is_linear:
         return Finding("linearity", "bad", worst.told(rig.camera.exposures.response))
     return Finding("linearity", "good", f"the camera is linear to {100 * abs(worst.amount):.1f} %")
@@ -238,6 +252,8 @@ def linearity(rig: _Rig) -> Finding:
 
 def additivity(rig: _Rig) -> Finding:
     """Check that two halves add up to the whole, and red, green and blue to white."""
+    if rig.curved:
+        return Finding("additivity", "good", "the acquisition checks it, once the camera's curve is known")
     height, width = rig.camera.screen.shape
     checks = (np.arange(height)[:, None] // 8 + np.arange(width) // 8) % 2 == 1
     white = rig.above_black(255)

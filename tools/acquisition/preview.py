@@ -143,9 +143,9 @@ def _opened_window(shot: Shot, screen: Screen, projectors: Sequence[str]) -> Ite
     monitor = preview_monitor(list_monitors(), projectors)
     height, width = shot.shape[:2]
     scale = FILLED * min(monitor.height / height, monitor.width / width)
-    beside = screen.place[2] + GAP if isinstance(screen, WindowScreen) and not projectors else GAP
+    left = screen.place[2] + GAP if isinstance(screen, WindowScreen) and not projectors else GAP
     shape = max(1, round(scale * height)), max(1, round(scale * width))
-    window = PreviewWindow(shape, monitor, (beside, GAP))
+    window = PreviewWindow(shape, monitor, (left, GAP))
     try:
         yield window
     finally:
@@ -157,5 +157,5 @@ def preview_monitor(monitors: list[Monitor], projectors: Sequence[str]) -> Monit
     taken = {find_monitor(monitors, projector).name for projector in projectors}
     free = [monitor for monitor in monitors if monitor.name not in taken]
     if not free:
-        raise InputError("--preview needs a monitor beside the projector's; connect one, or aim without --preview")
+        raise InputError("--preview needs a monitor besides the projector's; connect one, or aim without --preview")
     return free[0]

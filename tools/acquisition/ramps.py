@@ -110,14 +110,14 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
     own[0], whole[0] = 0, 0
     whole[-1] = [white.share(light) for light in (room.light, *primaries)]
     parts = _Primaries(room, primaries)
-    beside = np.zeros((len(CODES), 3))
-    beside[-1] = parts.shares(room.light - sum(primaries))
+    added = np.zeros((len(CODES), 3))
+    added[-1] = parts.shares(room.light - sum(primaries))
     for code in range(1, len(INNER) + 1):
         first = (code - 1) * len(COLOURS)
         lights = [room.above_black(captures[first + colour]) for colour in range(len(COLOURS))]
         own[code] = [template.share(light) for template, light in zip(templates, lights, strict=True)]
         whole[code] = [white.share(light) for light in lights]
-        beside[code] = parts.shares(lights[0] - sum(lights[1:]))
+        added[code] = parts.shares(lights[0] - sum(lights[1:]))
     told = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # an unseen primary is taken as grey
     fitted = fit_projector_response(CODES / 255.0, own[:, told], np.where(np.isin(CODES, INNER), 1, REPEATS))
     unadded, noise = whole[:, 0] - whole[:, 1:].sum(axis=1), 2 * white.noise  # noise of four captures
@@ -129,7 +129,7 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
         max(templates[colour].noise for colour in told),
         unadded,
         noise,
-        None if _adds_up(unadded, noise) else _segment(fitted.response, beside),
+        None if _adds_up(unadded, noise) else _segment(fitted.response, added),
         crosstalk(np.stack(primaries), room),
     )
 
@@ -138,10 +138,10 @@ def _adds_up(unadded: FloatArray, noise: float) -> bool:
     return bool(np.abs(unadded).max() <= MOST_UNADDED + SURELY * noise)
 
 
-def _segment(response: Response, beside: FloatArray) -> WhiteSegment | None:
+def _segment(response: Response, added: FloatArray) -> WhiteSegment | None:
     """Returns the white segment that gives this light (17, 3) at the greys of `CODES`; None if no segment does."""
     levels, places = np.unique(response.to_linear(_grey(CODES)).min(axis=1), return_inverse=True)
-    rising = np.stack([isotonic_regression(column).x for column in beside.T], axis=1)
+    rising = np.stack([isotonic_regression(column).x for column in added.T], axis=1)
     light = np.stack([np.bincount(places, column) / np.bincount(places) for column in np.maximum(rising, 0).T], axis=1)
     light -= light[0]
     with suppress(InputError):

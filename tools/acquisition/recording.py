@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.raster import Region, Shape
+from counterlight.response import Response
 from counterlight.tools.acquisition.averaging import Aim, Averaging, error_by_noise
 from counterlight.tools.acquisition.cameras.camera import Camera, Shot
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
@@ -34,6 +35,12 @@ class Store(Protocol):
     def averaged(self) -> bool: ...
     def repeats(self, level: int, choose: Callable[[], int]) -> int:
         """Returns the captures per picture of a level, as chosen first; levels are numbered in order of arrival."""
+
+    def has_curve(self, choose: Callable[[], bool]) -> bool:
+        """Returns whether the captures include pictures of the camera's curve, as chosen first."""
+
+    def develop(self, response: Response) -> None:
+        """Read the captures with this curve of the camera from now on."""
 
     def has(self, number: int) -> bool: ...
     def save(self, number: int, shots: Sequence[Shot]) -> None: ...
@@ -76,6 +83,15 @@ class StoredCaptures(Sequence[NDArray[np.float32]]):
         for number in range(first, first + self.repeats):
             total = total + self._store.radiance(number)
         return (total / self.repeats).astype(np.float32)
+
+    def shots(self, index: int) -> Sequence[Shot]:
+        """Returns the first capture of a picture, as the camera gave it."""
+        return self._store.shots(self._first + index * self.repeats)
+
+    @property
+    def end(self) -> int:
+        """Number of the capture that follows."""
+        return self._first + self._count * self.repeats
 
 
 class Recorder:
@@ -274,10 +290,15 @@ class Part:
         return self._recorder.capture(part, repeatedly=repeatedly)
 
     def in_raster(self, picture: Picture) -> Picture:
-        shown = np.zeros((*self._raster, *picture.shape[2:]), picture.dtype)
-        shown[self._region.part] = picture
-        return shown
+        return in_raster(picture, self._raster, self._region)
 
     def taken(self) -> tuple[int, int, float, int]:
         """Returns pictures, exposures, seconds and resumed captures since the previous projector's call."""
         return self._recorder.taken_since()
+
+
+def in_raster(picture: Picture, raster: Shape, region: Region) -> Picture:
+    """Returns a projector's picture in its region of the raster, which is black elsewhere."""
+    shown = np.zeros((*raster, *picture.shape[2:]), picture.dtype)
+    shown[region.part] = picture
+    return shown

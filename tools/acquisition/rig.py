@@ -10,7 +10,7 @@ from pathlib import Path
 from counterlight.errors import InputError
 from counterlight.raster import Shapes
 from counterlight.response import Response, named_response
-from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
+from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera, Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import (
@@ -29,14 +29,18 @@ LIVE = "v4l2", "pylon", "gphoto2"
 
 @contextmanager
 def open_rig(
-    options: argparse.Namespace, refuse: Callable[[Shapes], None] = lambda projectors: None
+    options: argparse.Namespace,
+    refuse: Callable[[Shapes], None] = lambda projectors: None,
+    curve: Response | None = None,
 ) -> Iterator[tuple[Camera, Shapes]]:
     """Open the camera and return it with each projector's (height, width); InputError for missing devices.
 
     refuse : called with the projectors' sizes as soon as they are known; raises InputError for unwanted sizes.
+    curve : the camera's response unless --camera-response gives one; None if it is unknown.
     """
     kind, sources = _kind_of(options.camera)
-    response = named_response(options.camera_response)
+    given = curve if options.camera_response is None else named_response(options.camera_response)
+    response, known = given or LINEAR, given is not None
     with ExitStack() as opened:
         if kind == "simulated":
 
@@ -53,7 +57,7 @@ def open_rig(
         elif kind == "folder":
             sizes = _needed_sizes(options)
             refuse(sizes)
-            exposures = Exposures(_bracket(options), response)
+            exposures = Exposures(_bracket(options), response, known)
             yield FolderCamera(Path(sources[0]), exposures, options.wait), sizes
         else:
             if not (options.monitor or options.window):
@@ -63,7 +67,7 @@ def open_rig(
             eye = together([_eye(*_parted(camera), response, opened) for camera in options.camera])
             screen, shapes = _screens(options, tuple(options.projector), opened)
             refuse(shapes)
-            yield LiveCamera(screen, eye, Exposures(_bracket(options), response)), shapes
+            yield LiveCamera(screen, eye, Exposures(_bracket(options), response, known)), shapes
 
 
 def _kind_of(cameras: Sequence[str]) -> tuple[str, list[str]]:

@@ -13,10 +13,10 @@ SENSOR = "bits", "full_well", "read_noise"
 CAMERAS = "simulated:SCENE|CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
 
 
-def add_rig_options(parser: Parser, shots: str = "1") -> None:
-    """Add --camera and the options around it; `shots` is the default in the help text."""
+def add_rig_options(parser: Parser, shots: str = "1", curve: str = "the calibration's") -> None:
+    """Add --camera and the options around it; `shots` and `curve` are defaults in the help text."""
     _add_devices(parser.add_argument_group("projector and camera"))
-    _add_exposure(parser.add_argument_group("exposure"), shots)
+    _add_exposure(parser.add_argument_group("exposure"), shots, curve)
     _add_sensor(parser.add_argument_group("simulated camera"))
 
 
@@ -49,7 +49,7 @@ def _add_devices(group: Arguments) -> None:
     group.add_argument("--no-preflight", action="store_true", help="do not check the projector and the camera first")
 
 
-def _add_exposure(group: Arguments, shots: str) -> None:
+def _add_exposure(group: Arguments, shots: str, curve: str) -> None:
     group.add_argument(
         "--exposures",
         type=_times,
@@ -64,9 +64,8 @@ def _add_exposure(group: Arguments, shots: str) -> None:
     )
     group.add_argument(
         "--camera-response",
-        default="linear",
         metavar="linear|srgb|GAMMA|FILE.toml",
-        help="undo this curve of the camera (default linear)",
+        help=f"undo this curve of the camera (default: {curve})",
     )
     group.add_argument(
         "--wait", type=_seconds, default=0.0, metavar="SECONDS", help="wait this long for files of folder: (default 0)"

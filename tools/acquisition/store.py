@@ -13,7 +13,7 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from counterlight.files.manifest import sha256_of, write_toml
 from counterlight.files.picture_files import encode_png, read_picture
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
+from counterlight.response import Response
 from counterlight.tools.acquisition.averaging import MOST_REPEATS
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.writing.outputs import check_folder, is_vacant
@@ -34,7 +35,7 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
 FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4 lacks halves; 3 also lacks ramps, primaries, coloured check
-OWN = ("id", "captures", "made", "finished", "repeats")  # keys of a session that do not identify its captures
+OWN = ("id", "captures", "made", "finished", "repeats", "curve")  # keys of a session that do not identify its captures
 FIX = "name another folder with --captures, or remove this one"
 
 Put = Callable[[Path, bytes], None]
@@ -102,6 +103,17 @@ class CaptureStore:
             chosen.append(choose())
             self._write()
         return chosen[level]
+
+    def has_curve(self, choose: Callable[[], bool]) -> bool:
+        """Returns whether the captures include pictures of the camera's curve, as chosen before the first of them."""
+        if "curve" not in self._record:
+            self._record["curve"] = choose()
+            self._write()
+        return bool(self._record["curve"])
+
+    def develop(self, response: Response) -> None:
+        """Read the captures with this curve of the camera from now on."""
+        self._exposures = replace(self._exposures, response=response)
 
     @property
     def id(self) -> str:

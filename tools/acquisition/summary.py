@@ -109,6 +109,7 @@ class ProjectorReport:
             f"{done.pictures} pictures, {done.exposures} exposures{resumed}, {done.seconds:.1f} s; noise of a dark "
             f"capture {noise:.2g} % of the brightest",
             *([str(done.averaged)] if done.averaged else []),
+            *([f"camera: {done.curve}"] if done.curve else []),
         ]
 
     @property

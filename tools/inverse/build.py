@@ -17,6 +17,7 @@ from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.continued import continued
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.near_light import (
+    Conditions,
     Inverse,
     InverseOptions,
     invert_as_the_thesis,
@@ -154,9 +155,8 @@ def build_maps(
         inverse = mapped_directly(objective, options)
     else:
         mask = (objective.weights > 0).reshape(camera)
-        told = calibration.regions, objective.weights, objective.prior
-        more = pictures_of(calibration), elsewhere, entry_bytes
-        inverse = invert_near_light(transport.near, mask, *common, *told, *more)
+        told = calibration.regions, objective.weights, objective.prior, pictures_of(calibration)
+        inverse = invert_near_light(transport.near, mask, *common, Conditions(*told, elsewhere, entry_bytes))
     if aims.outside == "continue" and inverse.chosen != "thesis":
         inverse = continued(inverse, projector, calibration.regions)
     correction = pack(inverse.T_pinv, projector, camera)

@@ -1,21 +1,60 @@
 """Inverts clusters whole: dense blocks of equal shape, batched, in float64 (thesis 5.1)."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import FloatArray, IntArray
+from counterlight.maps.prior import Prior
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks, Entries
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.noise import cut_off
-from counterlight.tools.inverse.priors import PriorBlocks
 from counterlight.tools.inverse.rows import Piece, Truncation, truncated_piece
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import CHANNELS, Csr
 
 BATCH_VALUES = 1 << 22  # float64 values per batch of blocks (32 MiB); memory.py has the peak during work
 SMALLEST_SQUARED = 1e-5  # λ/σ₁ below which TᵀT + λ²I, of condition (σ₁/λ)², would leave fewer than six digits
+
+
+def prior_matrices(prior: Prior, labels: IntArray) -> tuple[Csr, ...]:
+    """Return P per channel, (projector pixels, projector pixels), without ties between pixels of different labels.
+
+    A cut tie no longer acts on either pixel: both diagonals lose it.
+    """
+    height, width = prior.damping.shape[:2]
+    pixel = np.arange(height * width).reshape(height, width)
+    first = np.concatenate([pixel[:, :-1].ravel(), pixel[:-1].ravel()])
+    second = np.concatenate([pixel[:, 1:].ravel(), pixel[1:].ravel()])
+    kept = labels[first] == labels[second]
+    first, second = first[kept], second[kept]
+    found = []
+    for i in range(len(CHANNELS)):
+        ties = np.concatenate([prior.right[:, :-1, i].ravel(), prior.down[:-1, :, i].ravel()]).astype(np.float64)[kept]
+        couplings = Csr((-ties, (first, second)), shape=(pixel.size, pixel.size))
+        couplings = Csr(couplings + couplings.T)
+        diagonal = prior.damping[..., i].ravel() - couplings.sum(axis=1)
+        matrix = Csr(couplings + sparse.diags_array(diagonal))
+        matrix.eliminate_zeros()
+        found.append(matrix)
+    return tuple(found)
+
+
+class PriorBlocks:
+    """Blocks of P per channel for the chosen clusters; no tie crosses their borders."""
+
+    def __init__(self, priors: tuple[Csr, ...], clusters: Clusters, chosen: NDArray[np.bool_]) -> None:
+        square = replace(clusters, camera=clusters.projector, camera_sizes=clusters.projector_sizes)
+        self._blocks = ClusterBlocks(square, chosen)
+        self._entries: list[Entries] = [self._blocks.entries(each) for each in priors]
+
+    def dense(self, batch: Batch) -> list[FloatArray]:
+        """Return (k, n, n) blocks per channel."""
+        square = Batch(batch.labels, batch.projector, batch.projector)
+        return [self._blocks.dense(each, square) for each in self._entries]
 
 
 def damped_inverse(

@@ -19,13 +19,12 @@ from counterlight.tools.clusters.decomposition import Decomposition, Parameters,
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_values
-from counterlight.tools.inverse.clustered import clustered_jobs
+from counterlight.tools.inverse.clustered import clustered_jobs, prior_matrices
 from counterlight.tools.inverse.damping import DampingChoice, choose_damping, is_large
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.method import LEAST_DAMPING, Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.price import Objection, price_of_clusters, price_of_windows
-from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.rows import Piece, Truncation, join
 from counterlight.tools.inverse.super_blocks import Elsewhere
 from counterlight.tools.inverse.windows import FINEST_TOLERANCE, WindowedChannel, Windows, plan_windows, windowed_jobs
@@ -154,6 +153,29 @@ class Inverse:
         return int(self.clusters.camera_sizes[label]), int(self.clusters.projector_sizes[label])
 
 
+@dataclass(frozen=True)
+class Conditions:
+    """What an inverse takes into account besides T and the options.
+
+    regions : regions of several projectors in one raster.
+    weights : (camera pixels,). Diagonal of W, 0 outside the mask; None for 1 inside.
+    prior : P; ignored by the plain inverse (λ = 0).
+    pictures : (camera height, camera width) each. Pictures for choosing λ; None for the typical ones.
+    elsewhere : inverts windows on other machines; None for this process.
+    entry_bytes : memory that an entry of T⁺ takes, including later stages.
+    """
+
+    regions: Sequence[Region] = ()
+    weights: FloatArray | None = None
+    prior: Prior | None = None
+    pictures: Sequence[FloatArray] | None = None
+    elsewhere: Elsewhere | None = None
+    entry_bytes: float = memory.ENTRY_BYTES
+
+
+CONDITIONS = Conditions()
+
+
 def invert_as_the_thesis(
     transport: Transport,
     camera: Shape,
@@ -186,12 +208,7 @@ def invert_near_light(
     reach: FloatArray,
     white: float,
     options: InverseOptions,
-    regions: Sequence[Region] = (),
-    weights: FloatArray | None = None,
-    prior: Prior | None = None,
-    pictures: Sequence[FloatArray] | None = None,
-    elsewhere: Elsewhere | None = None,
-    entry_bytes: float = memory.ENTRY_BYTES,
+    conditions: Conditions = CONDITIONS,
 ) -> Inverse:
     """Return (TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; columns outside the mask are empty.
 
@@ -199,13 +216,8 @@ def invert_near_light(
     mask : (camera height, camera width).
     reach : (camera pixels, 3). Largest |c − e| of a picture, for which the certified bound holds.
     white : radiance of a white picture.
-    regions : regions of several projectors in one raster.
-    weights : (camera pixels,). Diagonal of W, 0 outside the mask; None for 1 inside.
-    prior : P; ignored by the plain inverse (λ = 0).
-    pictures : (camera height, camera width) each. Pictures for choosing λ; None for the typical ones.
-    elsewhere : inverts windows on other machines; None for this process.
-    entry_bytes : memory that an entry of T⁺ takes, including later stages.
     """
+    weights, prior = conditions.weights, conditions.prior
     weights = mask.ravel().astype(np.float64) if weights is None else weights
     roots = np.sqrt(weights)
     scaled = near.scaled(roots)
@@ -214,8 +226,7 @@ def invert_near_light(
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    given = reach * roots[:, None], white, options, regions, roots, prior, pictures, elsewhere, entry_bytes
-    work = _Work(scaled, whole, mask, projector_shape, *given)
+    work = _Work(scaled, whole, mask, projector_shape, reach * roots[:, None], white, options, roots, conditions)
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
@@ -264,12 +275,8 @@ class _Work:
     reach: FloatArray
     white: float
     options: InverseOptions
-    regions: Sequence[Region]
     roots: FloatArray
-    prior: Prior | None
-    pictures: Sequence[FloatArray] | None
-    elsewhere: Elsewhere | None
-    entry_bytes: float
+    conditions: Conditions
 
     def cut(self, *, must_pay: bool) -> "Inverse | Objection":
         """Return T⁺ of T cut into clusters, or the reason against it if `must_pay` and it does not pay."""
@@ -304,8 +311,8 @@ class _Work:
         _check_lit(sigmas)
         choice = self._choose_damping(matrices, sigmas, light, largest)
         lambdas = choice.damping * np.array(sigmas)
-        drawn = self.prior is not None and choice.damping > 0
-        priors = prior_matrices(self.prior, clusters.projector) if drawn and self.prior is not None else None
+        prior = self.conditions.prior if choice.damping > 0 else None
+        priors = None if prior is None else prior_matrices(prior, clusters.projector)
         truncation = Truncation(self.reach, self.options.max_error / 255)
         tolerance = max(truncation.budget, FINEST_TOLERANCE)
         jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, self.options.noise, truncation, priors)]
@@ -314,17 +321,17 @@ class _Work:
             member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(self.projector_shape)
             if must_pay:
                 green = matrices[1], float(lambdas[1]), None if priors is None else priors[1]
-                price = price + price_of_windows(*green, member, truncation, tolerance, self.regions)
+                price = price + price_of_windows(*green, member, truncation, tolerance, self.conditions.regions)
                 if objection := price.objection():
                     return objection
-            plan = _windowed(matrices, lambdas, priors, member, tolerance, self.regions)
-            if self.elsewhere is None:
+            plan = _windowed(matrices, lambdas, priors, member, tolerance, self.conditions.regions)
+            if self.conditions.elsewhere is None:
                 jobs.append(windowed_jobs(*plan, truncation, tolerance))
             else:
-                done = self.elsewhere.pieces(*plan, truncation, tolerance)
+                done = self.conditions.elsewhere.pieces(*plan, truncation, tolerance)
         sizes = clusters.projector_sizes
         whole, windowed = int(sizes[~method.windowed].sum()), int(sizes[method.windowed].sum())
-        pieces = _run(list(chain(*jobs)), done, whole, windowed, self.entry_bytes)
+        pieces = _run(list(chain(*jobs)), done, whole, windowed, self.conditions.entry_bytes)
         joined = join(pieces, near.shape[::-1])
         weights = joined.rows.weights * self.roots[joined.rows.indices, None].astype(np.float32)
         return Inverse(
@@ -353,7 +360,7 @@ class _Work:
         noise = [noise_of_matrix(T, self.options.noise) for T in matrices]
         floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
         white = self.white * self.roots.reshape(self.mask.shape)
-        return choose_damping(light, white, self.mask, self.whole, floor, self.pictures, largest)
+        return choose_damping(light, white, self.mask, self.whole, floor, self.conditions.pictures, largest)
 
 
 def _check_lit(sigmas: Sequence[float]) -> None:

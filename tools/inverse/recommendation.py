@@ -1,6 +1,6 @@
 """The best way to play a room: from T⁺ if there is one, with as many steps as needed (docs/refinement.md).
 
-The build measures the error that the player's own steps leave, on a few squares of the camera picture (squares.py) and
+The build measures the error that the player's own steps leave, on a few squares of the camera picture (pictures.py) and
 the typical pictures. It ignores far light, and ties between projector rows: both hardly change the gain of a step.
 """
 
@@ -15,8 +15,7 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.refinement import GOOD_ENOUGH_DB, MOST_OFFERED, Curve
-from counterlight.tools.inverse.pictures import typical_pictures
-from counterlight.tools.inverse.squares import squares_of
+from counterlight.tools.inverse.pictures import squares_of, typical_pictures
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 

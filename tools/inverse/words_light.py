@@ -79,7 +79,7 @@ class _Far:
 
     @classmethod
     def of(cls, maps: MapChain) -> "_Far":
-        gather, mix = (ascending(unpack(part)) for part in maps.factors[:2])
+        gather, mix = (unpack(part).ascending() for part in maps.factors[:2])
         gathered = magnitude(gather).sums()
         mix = mix.where(np.asarray((gathered > 0).any(axis=1))[mix.indices])
         return cls(gather, mix, gathered, magnitude(mix).apply(gathered))
@@ -121,7 +121,7 @@ class _Seen:
 
     def rows(self, first: int, last: int) -> list[SparseRows]:
         """Return the rows of S, and of U if there is far light."""
-        return [ascending(rows_between(packed, first, last)) for packed in self.maps]
+        return [rows_between(packed, first, last).ascending() for packed in self.maps]
 
     @property
     def scale(self) -> float:
@@ -198,16 +198,6 @@ def small_map(
     codes = found.codes if chosen is None else found.codes[chosen]
     indptr, indices = rows.indptr.astype(np.int64), rows.indices.astype(np.int32)
     return without_nothing(SmallMap(indptr, indices, codes, *shapes, found.colours, trust, found.scale))
-
-
-def ascending(rows: SparseRows) -> SparseRows:
-    """Sort the entries of each row by column, as words require."""
-    rises = np.diff(rows.indices, prepend=-1) > 0
-    rises[rows.indptr[:-1][rows.lengths > 0]] = True
-    if rises.all():
-        return rows
-    order = np.lexsort((rows.indices, rows.rows))
-    return replace(rows, indices=rows.indices[order], weights=rows.weights[order])
 
 
 def without_nothing(small: SmallMap) -> SmallMap:

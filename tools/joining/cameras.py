@@ -4,9 +4,9 @@ With c = (c₁, c₂, …) the pictures in one raster, the rows of the T_k are s
 the D are stacked, and each camera keeps the U of its own room.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
+from counterlight.maps import row_map
 from counterlight.maps.row_map import SparseRows
 from counterlight.raster import Shape, Shapes
 from counterlight.response import Response
@@ -86,7 +87,7 @@ def joined_cameras(
 ) -> SharedRoom:
     """Join the cameras of rooms with the same projectors, in the rooms' order."""
     joint, transport = below_each_other(rooms, transports, name, monitors)
-    cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
+    cameras = tuple(itertools.chain.from_iterable(room.cameras for room in rooms))
     shared = on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
     room, screen = shared.calibration, shared.calibration.screen
     assert screen is not None
@@ -103,7 +104,7 @@ def below_each_other(
         raise InputError(
             "several cameras cannot have light in blocks of projector pixels; simulate each room with --tolerance 0"
         )
-    cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
+    cameras = tuple(itertools.chain.from_iterable(room.cameras for room in rooms))
     rows, shape = _rows_of_rooms(rooms, cameras), raster_of(cameras)
     joint = Calibration(
         name,
@@ -114,7 +115,7 @@ def below_each_other(
         _below([room.mask for room in rooms], rows, shape),
         _primaries(rooms, rows, shape),
     )
-    near = _stacked([each.near for each in transports], [0] * len(rooms)).at(rows)
+    near = _rows_at([each.near for each in transports], rows)
     return joint, Transport(near, _far_light(transports, rows), shape, rooms[0].projector.shape)
 
 
@@ -129,7 +130,7 @@ def seen_below(transports: Sequence[Transport | None], cameras: Shapes, projecto
     for part, each in zip(parts_of(cameras), transports, strict=True):
         if each is not None:
             rows[part] = next(starts) + np.arange(each.shape[0]).reshape(rows[part].shape)
-    near = _stacked([each.near for each in there], [0] * len(there)).at(rows.ravel())
+    near = _rows_at([each.near for each in there], rows.ravel())
     return Transport(near, _far_light(there, rows.ravel()), raster_of(cameras), projector)
 
 
@@ -191,17 +192,9 @@ def _primaries(
     return np.stack([_below([each[i] for each in found], rows, shape) for i in range(3)])
 
 
-def _stacked(parts: Sequence[SparseRows], starts: Sequence[int]) -> SparseRows:
-    """Stack rows and append an empty row. starts : first column of each part."""
-    ends = np.cumsum([0, *(part.indices.size for part in parts)])
-    indptr = [part.indptr[1:] + start for part, start in zip(parts, ends, strict=False)]
-    columns = max(start + part.columns for part, start in zip(parts, starts, strict=True))
-    return SparseRows(
-        np.concatenate([[0], *indptr, ends[-1:]]),
-        np.concatenate([part.indices + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32),
-        np.concatenate([part.weights for part in parts]),
-        columns,
-    )
+def _rows_at(parts: Sequence[SparseRows], rows: NDArray[np.int64]) -> SparseRows:
+    """Stack the rooms' rows and an empty row, and return some of them."""
+    return row_map.below_each_other([*parts, SparseRows.empty(1, parts[0].columns)]).at(rows)
 
 
 def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarLight | None:
@@ -210,11 +203,14 @@ def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarL
         return None
     parts = [transport.far or _none(transport) for transport in transports]
     if all(_same_cells(part, parts[0]) for part in parts[1:]):
-        return replace(parts[0], scatter=_stacked([part.scatter for part in parts], [0] * len(parts)).at(rows))
-    cells = [part.scatter.columns for part in parts]
-    gather = _stacked([part.gather for part in parts], [0] * len(parts)).at(np.arange(sum(cells)))
-    scatters = _stacked([part.scatter for part in parts], list(np.cumsum([0, *cells[:-1]])))
-    return FarLight(gather, block_diagonal([part.mix for part in parts]), scatters.at(rows))
+        return replace(parts[0], scatter=_rows_at([part.scatter for part in parts], rows))
+    *starts, cells = itertools.accumulate((part.scatter.columns for part in parts), initial=0)
+    scatters = [
+        replace(part.scatter, indices=part.scatter.indices + start, columns=cells)
+        for part, start in zip(parts, starts, strict=True)
+    ]
+    gather = row_map.below_each_other([part.gather for part in parts])
+    return FarLight(gather, block_diagonal([part.mix for part in parts]), _rows_at(scatters, rows))
 
 
 def _same_cells(part: FarLight, other: FarLight) -> bool:
@@ -224,7 +220,5 @@ def _same_cells(part: FarLight, other: FarLight) -> bool:
 
 def _none(transport: Transport) -> FarLight:
     """Return far light without cells."""
-    nothing, weights = np.empty(0, np.int32), np.empty((0, 3), np.float32)
     camera, projector = transport.shape
-    gather = SparseRows(np.zeros(1, np.int64), nothing, weights, projector)
-    return FarLight(gather, Dense(np.zeros((3, 0, 0))), SparseRows(np.zeros(camera + 1, np.int64), nothing, weights, 0))
+    return FarLight(SparseRows.empty(0, projector), Dense(np.zeros((3, 0, 0))), SparseRows.empty(camera, 0))

@@ -6,9 +6,9 @@ other. P and B of blurred light are joined like D and U. Cells of the same surfa
 U M (D₁ p₁ + D₂ p₂).
 """
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,8 @@ from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
-from counterlight.maps.row_map import SparseRows
+from counterlight.maps.chain import Chain
+from counterlight.maps.row_map import SparseRows, below_each_other, next_to_each_other
 from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.raster import Region, side_by_side
@@ -28,7 +29,7 @@ from counterlight.tools.colour.shared import colour_matrices
 from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import BlurredLight, Csr, Dense, FarLight, Transport, channels, stacked
+from counterlight.tools.transport.transport import Dense, Factor, M, Transport
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may include and another not.
 FRACTION_OF_BRIGHT = 0.005
@@ -137,90 +138,62 @@ def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int,
     shapes : (height, width) of each projector.
     """
     (height, width), regions = side_by_side(shapes)
-    places = np.concatenate([_places(region, width) for region in regions])
-    near = [
-        _columns_at(sparse.hstack(parts), places, height * width)
-        for parts in zip(*(channels(transport.near) for transport in transports), strict=True)
-    ]
-    ends = np.cumsum([0, *(height * width for height, width in shapes)])
-    parts = [places[start:end] for start, end in itertools.pairwise(ends)]
-    far = _join_far([t.far for t in transports], parts, height * width)
-    blurred = _join_blurred([t.blurred for t in transports], parts, height * width)
-    return Transport(stacked(near), far, transports[0].camera, (height, width), blurred)
+    places = [_places(region, width) for region in regions]
+    near = _moved([transport.near for transport in transports], places, height * width)
+    far = _join_chains([transport.far for transport in transports], places, height * width)
+    blurred = _join_chains([transport.blurred for transport in transports], places, height * width)
+    return Transport(near, far, transports[0].camera, (height, width), blurred)
 
 
-def _places(region: Region, width: int) -> NDArray[np.int64]:
+def _places(region: Region, width: int) -> NDArray[np.int32]:
     """Return the index of each pixel of a region in a raster of `width` columns, (pixels,)."""
     rows, columns = np.mgrid[region.part]
-    return np.asarray((rows * width + columns).ravel(), np.int64)
+    return np.asarray((rows * width + columns).ravel(), np.int32)
 
 
-def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
-    """Move column j of a matrix to places[j] of `columns`."""
-    wide = sparse.csr_array(matrix)
-    moved = sparse.csr_array((wide.data, places[wide.indices], wide.indptr), shape=(wide.shape[0], columns))
-    moved.sort_indices()
-    return moved
+def _moved(parts: Sequence[SparseRows], places: Sequence[NDArray[np.int32]], columns: int) -> SparseRows:
+    """Return the sum of matrices whose column j moves to places[j] of `columns`; no two share a place."""
+    wide, at = reduce(next_to_each_other, parts), np.concatenate(places)
+    return replace(wide, indices=at[wide.indices], columns=columns).ascending()
 
 
-def _join_far(lights: Sequence[FarLight | None], places: Sequence[NDArray[np.int64]], columns: int) -> FarLight | None:
-    """Join far light: each projector's cells, shared cells once. Projectors without far light add none.
+def _join_chains(
+    chains: Sequence[Chain[SparseRows, M] | None], places: Sequence[NDArray[np.int32]], columns: int
+) -> Chain[SparseRows, M] | None:
+    """Join the cells of all projectors, shared cells once.
 
     places : each projector's pixel indices in the raster.
     """
-    found: list[tuple[FarLight, list[Csr]]] = []  # distinct cells, and D of all projectors that light them
-    for far, at in zip(lights, places, strict=True):
-        if far is None:
-            continue
-        gather = [_columns_at(D, at, columns) for D in channels(far.gather)]
-        same = next((number for number, (other, _) in enumerate(found) if _same_cells(far, other)), None)
-        if same is None:
-            found.append((far, gather))
-        else:
-            found[same] = far, [Csr(D + more) for D, more in zip(found[same][1], gather, strict=True)]
+    found: list[tuple[Chain[SparseRows, M], list[SparseRows], list[NDArray[np.int32]]]] = []  # distinct cells, and D
+    for chain, at in zip(chains, places, strict=True):
+        if chain is not None:
+            same = next((each for each in found if _same_cells(chain, each[0])), (chain, [], []))
+            if not same[1]:
+                found.append(same)
+            same[1].append(chain.gather)
+            same[2].append(at)
     if not found:
         return None
-    gathers, scatters = _next_to_each_other([gather for _, gather in found], [far.scatter for far, _ in found])
-    return FarLight(gathers, block_diagonal([far.mix for far, _ in found]), scatters)
-
-
-def _join_blurred(
-    lights: Sequence[BlurredLight | None], places: Sequence[NDArray[np.int64]], columns: int
-) -> BlurredLight | None:
-    """Join the cells of all projectors."""
-    parts = [(one, at) for one, at in zip(lights, places, strict=True) if one is not None]
-    if not parts:
-        return None
-    gathers = [[_columns_at(P, at, columns) for P in channels(one.gather)] for one, at in parts]
-    gather, scatter = _next_to_each_other(gathers, [one.scatter for one, _ in parts])
-    return BlurredLight(gather, None, scatter)
-
-
-def _next_to_each_other(
-    gathers: Sequence[Sequence[Csr]], scatters: Sequence[SparseRows]
-) -> tuple[SparseRows, SparseRows]:
-    """Stack gathers (one matrix per channel) below each other, and scatters next to each other."""
-    wide = zip(*(channels(scatter) for scatter in scatters), strict=True)
-    return (
-        stacked([Csr(sparse.vstack(each)) for each in zip(*gathers, strict=True)]),
-        stacked([Csr(sparse.hstack(each)) for each in wide]),
-    )
+    gather = below_each_other([_moved(gathers, at, columns) for _, gathers, at in found])
+    scatter = reduce(next_to_each_other, (chain.scatter for chain, _, _ in found))
+    first = found[0][0]
+    return Chain(gather, None if first.mix is None else block_diagonal([chain.mix for chain, _, _ in found]), scatter)
 
 
 def block_diagonal(mixes: Sequence[Dense]) -> Dense:
     """Return M of separate cells."""
-    return Dense(np.stack([sparse.block_diag([mix.matrices[i] for mix in mixes]).toarray() for i in range(3)]))
+    matrices = zip(*(mix.matrices for mix in mixes), strict=True)
+    return Dense(np.stack([sparse.block_diag(each).toarray() for each in matrices]))
 
 
-def _same_cells(far: FarLight, other: FarLight) -> bool:
-    """Return whether two projectors share the same far light from the cells on."""
-    return equal(far.mix, other.mix) and equal(far.scatter, other.scatter)
+def _same_cells(chain: Chain[Factor, Factor | None], other: Chain[Factor, Factor | None]) -> bool:
+    """Return whether two projectors share the same light from the cells on."""
+    return all(equal(*pair) for pair in zip(chain.factors[1:], other.factors[1:], strict=True))
 
 
-def equal(one: SparseRows | Dense, other: SparseRows | Dense) -> bool:
+def equal(one: Factor, other: Factor) -> bool:
     """Return whether two matrices have the same entries, in the same order."""
-    pairs = zip(vars(one).values(), vars(other).values(), strict=True)
-    return all(np.array_equal(*pair) for pair in pairs)
+    return all(np.array_equal(getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
 
 
 def _check_cameras(stored: Sequence[StoredCalibration]) -> None:

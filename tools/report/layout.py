@@ -86,7 +86,7 @@ def _light(figures: dict[str, Any]) -> Section:
             Figure(
                 "T as a matrix",
                 "Rows are camera pixels, columns projector pixels, both in reading order; brightness is the sum of a "
-                "block, over four decades. A diagonal is a plain wall; blocks beside it are light that scatters, and "
+                "block, over four decades. A diagonal is a plain wall; blocks next to it are light that scatters, and "
                 "what is grey all over is far light.",
                 file="matrix.png",
             ),

@@ -3,8 +3,7 @@
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.tools.inverse.direct import direct_mapping
-from counterlight.tools.inverse.triangulated import triangulated_mapping
+from counterlight.tools.inverse.direct import direct_mapping, triangulated_mapping
 from counterlight.tools.solve.solution import Solution
 from counterlight.tools.transport.transport import CHANNELS, Transport
 
@@ -21,7 +20,7 @@ class Direct:
 
 
 class Triangulated:
-    """Direct mapping with sub-pixel precision, between three neighbouring camera pixels; see triangulated.py.
+    """Direct mapping with sub-pixel precision, between three neighbouring camera pixels; see tools/inverse/direct.py.
 
     As in the player, the target is limited to 0..T·1, what each camera pixel can have.
     """

@@ -19,10 +19,9 @@ from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
-from counterlight.tools.inverse.direct import direct_mapping
+from counterlight.tools.inverse.direct import direct_mapping, triangulated_mapping
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.inverse.refinement_maps import pack_chain, refinement_maps
-from counterlight.tools.inverse.triangulated import triangulated_mapping
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation import room as simulation
 from counterlight.tools.simulation.scene import Scene, load_scene

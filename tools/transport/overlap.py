@@ -70,12 +70,12 @@ def _written_out(T: Transport, factors: FloatArray) -> Csr:
 def _shared(light: Csr, offset: int) -> FloatArray:
     """Return Σ_i A_ij A_i,j+offset, (columns,)."""
     shape = light.shape[0], light.shape[1] + offset
-    here, beside = (Csr((light.data, light.indices + by, light.indptr), shape=shape) for by in (offset, 0))
-    both = Csr(here.multiply(beside))
+    here, neighbour = (Csr((light.data, light.indices + by, light.indptr), shape=shape) for by in (offset, 0))
+    both = Csr(here.multiply(neighbour))
     return np.bincount(both.indices, both.data, shape[1])[offset:].astype(np.float64)
 
 
 def _cosines(shared: FloatArray, squares: FloatArray, offset: int) -> FloatArray:
-    beside = np.concatenate([squares[offset:], np.zeros(offset)])
-    root = np.sqrt(squares * beside)
+    neighbour = np.concatenate([squares[offset:], np.zeros(offset)])
+    root = np.sqrt(squares * neighbour)
     return np.asarray(np.minimum(np.divide(shared, root, out=np.zeros_like(root), where=root > 0), 1))

@@ -158,7 +158,7 @@ def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
         share = _largest_of_rows(gather)
         cells = _contributions(scatter, luminance(scatter.weights) * share[scatter.indices], usual)
         count += np.bincount(gather.indices, cells[gather.rows], gather.columns)
-    return _beside_most(count)
+    return _relative_to_usual(count)
 
 
 def camera_pixels(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
@@ -201,7 +201,7 @@ def _largest_of_rows(rows: SparseRows) -> FloatArray:
     return largest
 
 
-def _beside_most(count: FloatArray) -> FloatArray:
+def _relative_to_usual(count: FloatArray) -> FloatArray:
     """Scale counts so that the median of the larger counts is 1."""
     most = count[count > FEW * count.max(initial=0.0)]
     return np.asarray(count / np.median(most) if most.size else count)

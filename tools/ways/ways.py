@@ -138,9 +138,9 @@ class _Seen:
         scattered, blurred, parted = self._widened()
         bent = (lines.bent(self._middle) | parted) & ~scattered
         blurred, alone = blurred & ~bent, ~bent & ~scattered
-        beside = alone & (np.abs(lines.distance(self._second_middle)) > OFF_PX)
+        off_axis = alone & (np.abs(lines.distance(self._second_middle)) > OFF_PX)
         strewn = luminance(self.strewn.reshape(-1, 3)).reshape(self.light.shape)
-        by_glass = np.where(beside, self._second, 0) + np.where(self._everywhere, 0, strewn)
+        by_glass = np.where(off_axis, self._second, 0) + np.where(self._everywhere, 0, strewn)
         return np.stack(
             [
                 np.where(bent, self.light, np.where(alone, by_glass, 0)),

@@ -49,10 +49,12 @@ class Exposures:
 
     times : exposure of each shot of a bracket; full scale of a shot is a radiance of 1 / time.
     response : code value → light, 0 to 1.
+    known : whether the response was given; otherwise an acquisition measures it.
     """
 
     times: tuple[float, ...] = (1.0,)
     response: Response = LINEAR
+    known: bool = True
 
     def __post_init__(self) -> None:
         if not self.times or not all(0 < time < float("inf") for time in self.times):
@@ -85,6 +87,11 @@ class Exposures:
         """Returns (height, width) bool: the shortest exposure is at the top of the camera's range."""
         shot = _coloured(shots[self.times.index(self.shortest)])
         return np.asarray(np.any(shot >= _estimator(self.response, shot.dtype).top, axis=2))
+
+    def codes(self, shots: Sequence[Shot]) -> FloatArray:
+        """Returns the mean code values of the shortest exposure, 0 to 1: (height, width, 3)."""
+        shortest = [shot for shot, time in zip(shots, self.times, strict=True) if time == self.shortest]
+        return _coloured(np.mean(shortest, axis=0) / np.iinfo(shots[0].dtype).max)
 
     def one(self, shot: Shot, time: float) -> FloatArray:
         """Returns the light of a single shot exposed for `time`, clipped or not: (height, width, 3)."""

@@ -1,31 +1,35 @@
 """Show the most important pictures first, until the requested number is reached or the user stops; make a room.
 
-The number includes all pictures: black, primaries, pictures that give places, and pictures that test the room. Several
+The number includes all pictures: black, primaries, pictures that give places, and pictures that test the room. A camera
+that may have a curve takes the pictures of curve.py in addition, under numbers of their own. Several
 projectors take turns, so that all have equally many pictures at any time. Several cameras photograph each picture.
 """
 
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from counterlight import memory
 from counterlight.command import track
 from counterlight.errors import InputError
-from counterlight.raster import Shape
+from counterlight.raster import Shape, Shapes, side_by_side
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.folder import Waiting
 from counterlight.tools.acquisition.cameras.together import views_of
-from counterlight.tools.acquisition.few.order import Order
+from counterlight.tools.acquisition.curve import Curve, curve_of, curve_pictures
+from counterlight.tools.acquisition.few.order import BLACK, Order
 from counterlight.tools.acquisition.few.turns import Turns
 from counterlight.tools.acquisition.few.views import Views, views_fitted
 from counterlight.tools.acquisition.linearity import refuse_bends
 from counterlight.tools.acquisition.plan import Measured
-from counterlight.tools.acquisition.recording import Store
+from counterlight.tools.acquisition.recording import Store, in_raster
 
+FIRST_OF_CURVE = 1 << 13  # number of the first picture of the camera's curve, above all others
 COPIES = 3  # copies of all captures, float32, in memory at once
 
 
@@ -53,16 +57,45 @@ def acquire_pictures(
     count = turns.in_all(turns.of_each(count))
     before = [number for number in range(count) if store.has(number)]
     of_each = turns.of_each(_captured(camera, store, turns, count, stoppable))
+
+    names = [f"projector {number}: " if len(projectors) > 1 else "" for number in range(1, len(projectors) + 1)]
+
+    def fitted(number: int) -> Views:
+        return _views(camera, store, turns.orders[number], turns.numbers(number, of_each), given, names[number])
+
+    curve, first = None, None
+    if not camera.exposures.known:
+        if store.shots(BLACK)[0].dtype != np.uint8:
+            first = fitted(0)
+        if first is None or any(view.bend is not None and view.bend.is_suspect for view in first.views):
+            curve, first = _measured_curve(camera, store, turns.projectors), None
     seconds, found = (time.monotonic() - start) / len(projectors), []
     for projector, order in enumerate(turns.orders):
         numbers = turns.numbers(projector, of_each)
-        name = f"projector {projector + 1}: " if len(projectors) > 1 else ""
-        views = _views(camera, store, order, numbers, given, name)
+        views = fitted(projector) if projector or first is None else first
         for view in views.views:
-            refuse_bends(camera, [view.bend], f"{name}{view.name}")
+            refuse_bends(camera, [view.bend], f"{names[projector]}{view.name}", measured=curve is not None)
         own = numbers[projector > 0 :]  # black belongs to the first projector
         resumed = len(set(own) & set(before))
-        found.append(_acquisition(camera, views, order, of_each, len(own), seconds, resumed))
+        done = _acquisition(camera, views, order, of_each, len(own), seconds, resumed)
+        found.append(replace(done, curve=curve))
+    return found
+
+
+def _measured_curve(camera: Camera, store: Store, projectors: Shapes) -> Curve:
+    """Capture the pictures of the camera's curve with the first projector, and read all captures with the curve."""
+    raster, regions = side_by_side(projectors)
+    own = [np.ones(projectors[0], np.bool_), *curve_pictures(projectors[0])]
+    pictures = [in_raster(each, raster, regions[0]) for each in own]
+    numbers = range(FIRST_OF_CURVE, FIRST_OF_CURVE + len(pictures))
+    missing = [number for number in numbers if not store.has(number)]
+    if missing:
+        print(f"the camera may have a curve: {len(missing)} more pictures measure it", file=sys.stderr, flush=True)
+    camera.prepare(FIRST_OF_CURVE, pictures, missing)
+    for number in track(missing, "the camera's curve"):
+        store.save(number, camera.capture(number, pictures[number - FIRST_OF_CURVE]))
+    found = curve_of([store.shots(number) for number in (BLACK, *numbers)], camera.exposures)
+    store.develop(found.response)
     return found
 
 
@@ -139,5 +172,5 @@ def _views(camera: Camera, store: Store, order: Order, numbers: list[int], given
             needed = COPIES * len(numbers) * 12 * shots[0].shape[0] * shots[0].shape[1]
             memory.check(needed, f"{len(numbers)} pictures", remedy)
         saturated = saturated | camera.exposures.saturated(shots)
-        captures.append(camera.exposures.radiance(shots))
+        captures.append(store.radiance(number))
     return views_fitted(order, captures, saturated, views_of(camera), given, name)

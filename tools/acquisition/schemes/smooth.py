@@ -33,8 +33,7 @@ def smoothed(transport: Transport) -> tuple[Transport, str]:
     if blocks is None or has_too_many_pixels(transport):
         told = "far light: none" if blocks is None else "far light: left in blocks, of too many pixels"
         return with_readable_far(transport), told
-    nothing = SparseRows(np.zeros(rows + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3), np.float32), columns)
-    alone = _Blocks(replace(transport, near=nothing), np.zeros(0, np.bool_))
+    alone = _Blocks(replace(transport, near=SparseRows.empty(rows, columns)), np.zeros(0, np.bool_))
     far = split(alone, fitted(alone, grids_over(transport)[-1], PEAK)).far
     assert far is not None
     lost = _lost(transport, blocks, far, projector)

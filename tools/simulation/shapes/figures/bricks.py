@@ -17,8 +17,8 @@ def heights(u: FloatArray, v: FloatArray) -> FloatArray:
     y = v * COURSES
     course = np.floor(y)
     x = u * BRICKS + 0.5 * (course % 2)
-    above, beside = y - course - MORTAR, (x - np.floor(x)) * COURSES / BRICKS - MORTAR  # course heights
-    inside = np.minimum(np.minimum(above, 1 - MORTAR - above), np.minimum(beside, COURSES / BRICKS - MORTAR - beside))
+    above, right = y - course - MORTAR, (x - np.floor(x)) * COURSES / BRICKS - MORTAR  # course heights
+    inside = np.minimum(np.minimum(above, 1 - MORTAR - above), np.minimum(right, COURSES / BRICKS - MORTAR - right))
     rise = np.clip(inside / ROUNDED, 0, 1)
     rough = [size * _noise(bumps * u, bumps * v, bumps) for bumps, size in ROUGH]
     face = 1 - sum(size for _, size in ROUGH) + np.sum(rough, axis=0)

@@ -39,15 +39,15 @@ def lamps_of(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:
 
 def in_step_of(options: argparse.Namespace, session: Session, stack: ExitStack) -> list[Callable[[], None]]:
     """Return the poll functions that synchronise this show with other machines. The stack closes their sockets."""
-    beside: list[Callable[[], None]] = []
+    polled: list[Callable[[], None]] = []
     if options.lead is not None:
         beacon = Beacon(options.lead)
         stack.callback(beacon.close)
-        beside.append(Leader(session, beacon).poll)
+        polled.append(Leader(session, beacon).poll)
     if options.follow is not None:
         listener = Listener(options.follow)
         stack.callback(listener.close)
-        beside.append(Follower(session, listener).poll)
+        polled.append(Follower(session, listener).poll)
     if options.at is not None:
-        beside.append(Curtain(session, options.at).poll)
-    return beside
+        polled.append(Curtain(session, options.at).poll)
+    return polled

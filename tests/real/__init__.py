@@ -1,0 +1,4 @@
+"""The benchmark of real captures: predict held-out captures, and recover pictures from captures.
+
+`python -m tests.real FOLDER` evaluates a folder of pairs. Read folders.py, measures.py, then __main__.py.
+"""

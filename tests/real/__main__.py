@@ -1,0 +1,90 @@
+"""Evaluate folders of real pairs: `python -m tests.real FOLDER`."""
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from counterlight.tools.pairs.fitting import Fitted, fit_pairs
+from counterlight.tools.pairs.surrogate import SIZE, fit_surrogate, reduced_codes
+from tests.real.folders import HELD, DataSet, read_data_set
+from tests.real.measures import measured, psnr, srgb
+
+HEADER = "| | PSNR | RMSE | SSIM | ΔE2000 |\n|---|---|---|---|---|"
+
+
+def main() -> None:
+    options = _parser().parse_args()
+    size = tuple(int(side) for side in options.size.split("x")) if options.size else None
+    train, test = read_data_set(options.folder, options.pictures, options.photographs, size)
+    if test is None:
+        train, test = _split(train, options.train, options.test)
+    print(f"{len(train.names)} training pairs, {len(test.names)} held out: {', '.join(test.names)}", flush=True)
+    start = time.monotonic()
+    fitted = fit_pairs(train.pictures, train.captures, additive=options.additive)
+    if "forward" in options.directions:
+        _forward(fitted, test)
+    if "surrogate" in options.directions:
+        _surrogate(fitted, train, test)
+    print(f"{time.monotonic() - start:.0f} s")
+
+
+def _split(pairs: DataSet, train: int | None, test: int | None) -> tuple[DataSet, DataSet]:
+    held = test or max(1, len(pairs.names) // HELD)
+    last = len(pairs.names) - held if train is None else train
+    return _some(pairs, slice(0, last)), _some(pairs, slice(last, last + held))
+
+
+def _some(pairs: DataSet, chosen: slice) -> DataSet:
+    return replace(pairs, pictures=pairs.pictures[chosen], captures=pairs.captures[chosen], names=pairs.names[chosen])
+
+
+def _forward(fitted: Fitted, test: DataSet) -> None:
+    shown = fitted.shown(test.pictures)
+    for levels in range(len(fitted.model.levels) + 1):
+        predicted = fitted.model.predict(shown, levels)
+        print(
+            f"forward, {levels} levels: {psnr(predicted, test.captures, fitted.lit):.2f} dB linear, "
+            f"{psnr(srgb(predicted), srgb(test.captures), fitted.lit):.2f} dB code values",
+            flush=True,
+        )
+    lit = fitted.lit
+    gains = (predicted * test.captures)[:, lit].sum(axis=1) / (predicted**2)[:, lit].sum(axis=1)
+    adjusted = predicted * gains[:, None, None]
+    print(
+        f"forward with gains fitted to the judged captures ({np.abs(gains - 1).max():.3f} at most): "
+        f"{psnr(adjusted, test.captures, lit):.2f} dB linear, {psnr(srgb(adjusted), srgb(test.captures), lit):.2f} dB"
+    )
+    print(f"{HEADER}\n| forward, code values | {measured(srgb(predicted), srgb(test.captures), lit)} |", flush=True)
+
+
+def _surrogate(fitted: Fitted, train: DataSet, test: DataSet) -> None:
+    surrogate = fit_surrogate(fitted, train.pictures, train.captures)
+    found = surrogate.pictures(test.captures)
+    true = reduced_codes(test.pictures)
+    everywhere = np.ones((SIZE[1], SIZE[0]), bool)
+    print(f"{HEADER}\n| per-pixel inverse | {measured(surrogate.start(test.captures), true, everywhere)} |")
+    print(f"| surrogate | {measured(found, true, everywhere)} |", flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tests.real", description=__doc__)
+    parser.add_argument("folder", type=Path, help="folder of the data set")
+    parser.add_argument("--pictures", metavar="NAME", help="folder of the pictures below it (default: prj/share/train)")
+    parser.add_argument(
+        "--photographs", metavar="NAME", help="folder of the captures below it (default: cam/raw/train)"
+    )
+    parser.add_argument("--train", type=int, help="number of training pairs (default: all but the held-out pairs)")
+    parser.add_argument(
+        "--test", type=int, help="number of held-out pairs after the training pairs (default: an eighth)"
+    )
+    parser.add_argument("--size", metavar="WxH", help="size of the captures (default: half)")
+    parser.add_argument("--additive", action="store_true", help="fit what a calibration can hold, without φ")
+    parser.add_argument("--directions", nargs="+", choices=["forward", "surrogate"], default=["forward", "surrogate"])
+    return parser
+
+
+if __name__ == "__main__":
+    main()

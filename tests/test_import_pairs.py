@@ -1,0 +1,174 @@
+"""counterlight import-pairs: rooms from pictures and photographs, by construction, and refusals in one line."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterlight import calibration
+from counterlight.files.picture_files import read_picture
+from counterlight.tools import build_correction_map
+from counterlight.tools.import_pairs import main
+from counterlight.tools.pairs.fitting import Fitted, fit_pairs
+from counterlight.tools.pairs.geometry import regression
+from counterlight.tools.pairs.matching import matched
+from counterlight.tools.pairs.room import ambient_of, transport_of
+from counterlight.tools.transport.storage import read_transport
+from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
+
+INNER = np.s_[16:80, 20:104]  # camera pixels inside the projector's picture
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Fitted:
+    rng = np.random.default_rng(3)
+    pictures = natural_pictures(rng, 16)
+    wall = Wall(halo=0.1)
+    captures = np.stack([wall.capture(each, rng) for each in pictures]) / np.float32(65535)
+    return fit_pairs(pictures, captures, additive=True)
+
+
+def refusal(capsys: pytest.CaptureFixture[str], pictures: Path, photographs: Path, *words: str) -> str:
+    """Returns the only line of a refused import; checks that it leaves no files."""
+    folder = pictures.parent
+    before = sorted(folder.rglob("*"))
+    assert main([str(pictures), str(photographs), *words, "-o", str(folder / "room")]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    line = printed.err.removesuffix("\n")
+    assert re.fullmatch("error: .+", line)
+    assert sorted(folder.rglob("*")) == before
+    return line
+
+
+def test_places_are_found(fitted: Fitted) -> None:
+    error = np.linalg.norm(fitted.places.places[1] - Wall().places, axis=-1)[INNER]
+    assert np.median(error) < 0.15  # projector pixels; captures with noise of 0.2 % of white
+    assert np.percentile(error, 95) < 0.5
+
+
+def test_the_response_is_found(fitted: Fitted) -> None:
+    codes = np.repeat(np.linspace(0, 1, 18)[:, None], 3, axis=1)
+    np.testing.assert_allclose(fitted.processing.light(codes), codes**GAMMA, atol=0.03)  # 17 levels, 16 pictures
+
+
+def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None:
+    pictures = natural_pictures(np.random.default_rng(99), 4)
+    true = np.stack([Wall(halo=0.1).light(each) for each in pictures])
+    predicted = fitted.predict(pictures)
+    error = np.sqrt(np.mean((predicted - true)[:, INNER[0], INNER[1]] ** 2))
+    shown = fitted.shown(pictures)
+    slope, offset, _ = regression(shown, true.astype(np.float32))
+    assert error < 0.012  # of white; places, response and spread come from 16 noisy captures
+    assert error < 1.2 * np.sqrt(np.mean((slope * shown + offset - true)[:, INNER[0], INNER[1]] ** 2))
+
+
+def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:
+    """T p + e differs from the model only where faint or negative entries of T were dropped."""
+    picture = natural_pictures(np.random.default_rng(7), 1)
+    light = fitted.processing.light(picture[0] / 255).reshape(-1, 3)
+    T = transport_of(fitted, PROJECTOR)
+    assert T.far is not None
+    found = (T @ light).reshape(*CAMERA, 3) + ambient_of(fitted)
+    error = (found - fitted.predict(picture)[0])[INNER]
+    assert np.sqrt(np.mean(error**2)) < 0.01  # of white; dropped entries are below 2 % of the largest one
+
+
+def test_content_identifies_the_pairs() -> None:
+    rng = np.random.default_rng(5)
+    pictures = natural_pictures(rng, 14)
+    order = rng.permutation(14)[:11]
+    captures = [Wall().capture(pictures[number], rng) / 65535 for number in order]
+    found = matched(pictures / 255.0, [capture ** (1 / GAMMA) for capture in captures])
+    assert found is not None
+    np.testing.assert_array_equal(found, order)
+
+
+def test_the_command_makes_a_room_that_build_accepts(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng)
+    room = tmp_path / "room"
+    words = [str(pictures), str(photographs), "-o", str(room), "--quality", str(tmp_path / "quality.png")]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"16 pairs matched by number; 2 held-out captures predicted to \d+\.\d dB", printed)
+    assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
+    stored = calibration.read(room)
+    assert (stored.calibration.projector.shape, stored.calibration.camera.shape) == (PROJECTOR, CAMERA)
+    assert np.percentile(np.abs(stored.calibration.ambient[INNER] - AMBIENT), 99) < 0.03  # extrapolated to black
+    white = read_transport(stored).composition().reshape(*CAMERA, 3)[INNER]
+    np.testing.assert_allclose(np.median(white / (0.9 * Wall().albedo[INNER])), 1, atol=0.05)
+    assert build_correction_map.main([str(room), "--regularize", "0.1"]) == 0
+
+
+def test_a_pair_that_does_not_belong_is_named_and_left_out(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng)
+    write(photographs / "IMG_006.png", Wall().capture(natural_pictures(rng, 1)[0], rng))
+    assert main([str(pictures), str(photographs), "-o", str(tmp_path / "room")]) == 0
+    printed = capsys.readouterr().out
+    assert "left out: frame006.png with IMG_006.png, which do not belong together" in printed
+    assert printed.count("left out") == 1
+
+
+def test_too_few_pairs_are_refused(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 7)
+    assert "7 pairs, expected at least 8" in refusal(capsys, pictures, photographs)
+
+
+def test_photographs_of_other_pictures_are_refused(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 10)
+    for number, codes in enumerate(natural_pictures(rng, 10)):
+        write(photographs / f"IMG_{number:03}.png", Wall().capture(codes, rng))
+    assert "do not show these pictures" in refusal(capsys, pictures, photographs)
+
+
+def test_pictures_that_are_all_alike_are_refused(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 9)
+    for number in range(1, 9):
+        shutil.copy(pictures / "frame000.png", pictures / f"frame{number:03}.png")
+        shutil.copy(photographs / "IMG_000.png", photographs / f"IMG_{number:03}.png")
+    assert "all alike" in refusal(capsys, pictures, photographs)
+
+
+def test_saturated_photographs_are_refused(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 9)
+    for path in photographs.iterdir():
+        bright = np.minimum(read_picture(path).astype(np.float64) * 8, 65535).astype(np.uint16)
+        write(path, bright)
+    assert "saturated" in refusal(capsys, pictures, photographs)
+
+
+def test_a_camera_that_moved_is_refused(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 16)
+    for number in range(11, 16):
+        codes = read_picture(pictures / f"frame{number:03}.png")
+        write(photographs / f"IMG_{number:03}.png", Wall(shift=(4.0, 2.0)).capture(codes, rng))
+    line = refusal(capsys, pictures, photographs)
+    assert "IMG_011.png: shifted by" in line
+    assert "camera moved" in line
+
+
+def test_a_list_of_pairs_is_read_and_checked(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 8)
+    listed = tmp_path / "pairs.txt"
+    listed.write_text("frame000.png, IMG_000.png\nframe001.png\n")
+    assert "line 2 has 1 names" in refusal(capsys, pictures, photographs, "--pairs", str(listed))
+    listed.write_text("frame000.png, IMG_100.png\n")
+    assert "IMG_100.png, which does not exist" in refusal(capsys, pictures, photographs, "--pairs", str(listed))

@@ -1,0 +1,214 @@
+"""Fit what a camera sees of a projector picture, to pairs.
+
+c_k(y) = g_k (e_k(y) + s_k(y) Σ_d h_kd(y) v_k(y + d) + Σ_l m_kl(y) v_l(y) + Σ_j q_kj(y) (G_j s_k v_k)(y))
+
+v is the picture's light, φ(code), at the places that the camera sees. h is the spread over a window, m mixes the other
+primaries in, and the blurs G_j are the halo. Every coefficient is fitted three times by regularised least squares: per
+large cell of the camera picture, per small cell, and per pixel, each level to what the previous level left over.
+With few pairs the data say little about single pixels, so they keep the values of their cells.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.tools.pairs.geometry import Pictures, regression
+
+REACH = 2  # pixels from the middle of the window of h to its edge
+BLOCK = 12  # camera pixels per side of the blocks that wide blurs refer to
+HALO = 4.0, 12.0, 36.0, 96.0  # standard deviations of the blurs G_j in camera pixels
+CELLS = 48, 12, 1  # camera pixels per side of each level's cells
+SCALE, OFFSET = (0.3, 0.1, 0.1), (0.02, 0.01, 0.01)  # standard deviation of coefficients, per level
+WINDOW = [(dy, dx) for dy in range(2 * REACH + 1) for dx in range(2 * REACH + 1) if (dy, dx) != (REACH, REACH)]
+BAND = 24  # rows of camera pixels at a time
+NEAR = 8, 8, 2  # squared distance of the farthest taps of a level
+TAPS, FLOOR = (0.2, 0.04, 0.02), (0.05, 0.004, 0.001)  # of h: at full share, and of every tap
+MIXED, BENT, HALOS = (0.1, 0.05, 0.05), (0.1, 0.05, 0.05), (0.1, 0.02, 0.0)
+BINS = 24  # levels of light at which the residual's variance is measured
+
+
+@dataclass(frozen=True)
+class Level:
+    """Coefficients of one level: (3, cells down, cells across, features)."""
+
+    cell: int
+    coefficients: NDArray[np.floating]
+
+    @classmethod
+    def empty(cls, cell: int, shape: tuple[int, int]) -> "Level":
+        down, across = (-(-side // cell) for side in shape)
+        return cls(cell, np.zeros((3, down, across, len(prior(0))), np.float32))
+
+    def plane(self, k: int, feature: int, shape: tuple[int, int]) -> NDArray[np.floating]:
+        """Return a coefficient at every camera pixel, (height, width)."""
+        grid = np.ascontiguousarray(self.coefficients[k, ..., feature])
+        if self.cell == 1:
+            return grid
+        return between_cells(grid, self.cell, shape)
+
+    def light(self, F: NDArray[np.floating], k: int) -> NDArray[np.floating]:
+        """Return the light of channel k, (pairs, height, width), of features F."""
+        result = np.zeros(F.shape[1:], np.float32)
+        for number, feature in enumerate(F):
+            if self.coefficients[k, ..., number].any():
+                result += feature * self.plane(k, number, F.shape[2:])
+        return result
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted model.
+
+    slope, offset : (height, width, 3). s and e.
+    levels : corrections, from coarse to fine.
+    """
+
+    slope: NDArray[np.floating]
+    offset: NDArray[np.floating]
+    levels: tuple[Level, ...]
+
+    def predict(self, shown: Pictures, levels: int | None = None) -> Pictures:
+        """Predict the captures of pictures from their warped light, both (pairs, height, width, 3)."""
+        result = self.slope * shown + self.offset
+        for k in range(3):
+            F = features(shown, halos_of(shown[..., k], self.slope[..., k]), self.slope, k)
+            for level in self.levels[:levels]:
+                result[..., k] += level.light(F, k)
+        return result
+
+
+def bands(height: int, rows: int) -> Iterator[slice]:
+    for start in range(0, height, rows):
+        yield slice(start, min(start + rows, height))
+
+
+def halos_of(shown: NDArray[np.floating], slope: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the blurs of one channel's reflected light: (blurs, pairs, height, width)."""
+    light = shown * slope
+    blocks = np.stack([block_means(picture) for picture in light])
+    height, width = slope.shape
+    down, across = blocks.shape[1:]
+    near = [cv2.GaussianBlur(picture, (0, 0), HALO[0], borderType=cv2.BORDER_CONSTANT) for picture in light]
+    result = [np.stack(near)]
+    for sigma in HALO[1:]:
+        blurred = block_blur(down, sigma) @ blocks @ block_blur(across, sigma)
+        result.append(
+            np.stack([between_cells(each.astype(np.float32), BLOCK, (height, width)) for each in list(blurred)])
+        )
+    return np.stack(result)
+
+
+def block_means(picture: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the means of BLOCK × BLOCK camera pixels; darkness lies outside the picture."""
+    height, width = picture.shape
+    padded = np.pad(picture, ((0, -height % BLOCK), (0, -width % BLOCK)))
+    return np.asarray(padded.reshape(-(-height // BLOCK), BLOCK, -1, BLOCK).mean(axis=(1, 3)))
+
+
+def block_blur(count: int, sigma: float) -> FloatArray:
+    """Return the matrix of a Gaussian blur over `count` blocks along one axis."""
+    distance = (np.arange(count)[:, None] - np.arange(count)) * BLOCK / sigma
+    return np.asarray(np.exp(-(distance**2) / 2) * BLOCK / (sigma * np.sqrt(2 * np.pi)))
+
+
+def between_cells(grid: NDArray[np.floating], cell: int, shape: tuple[int, int]) -> NDArray[np.floating]:
+    """Interpolate values of cells at every camera pixel of a (height, width) picture."""
+    y, x = (((np.arange(side) + 0.5) / cell - 0.5).astype(np.float32) for side in shape)
+    at = np.meshgrid(x, y)
+    return np.asarray(cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def prior(level: int, linear: bool = False) -> NDArray[np.floating]:
+    """Return the standard deviation of each feature's coefficient; 0 for those that a level leaves alone."""
+    distance = np.array([(dy - REACH) ** 2 + (dx - REACH) ** 2 for dy, dx in WINDOW])
+    taps = np.where(distance <= NEAR[level], TAPS[level] * np.exp(-distance / 2.0) + FLOOR[level], 0)
+    own = [OFFSET[level], SCALE[level], *([0, 0, 0] if linear else [BENT[level], MIXED[level], MIXED[level]])]
+    return np.array([*own, *taps, 0 if linear else HALOS[level], *[HALOS[level]] * (len(HALO) - 1)], np.float32)
+
+
+def features(shown: Pictures, halos: NDArray[np.floating], slope: NDArray[np.floating], k: int) -> NDArray[np.floating]:
+    """Return the features of channel k in radiance, (features, pairs, height, width)."""
+    height, width = shown.shape[1:3]
+    v = shown[..., k]
+    padded = np.pad(v, ((0, 0), (REACH, REACH), (REACH, REACH)), mode="edge")
+    result = np.empty((len(prior(0)), *v.shape), np.float32)
+    near: list[NDArray[np.floating]] = [np.ones_like(v[0]), v, v * v, shown[..., (k + 1) % 3], shown[..., (k + 2) % 3]]
+    for dy, dx in WINDOW:
+        near.append(padded[:, dy : dy + height, dx : dx + width] - v)
+    for number, each in enumerate(near):
+        np.multiply(each, slope[..., k], out=result[number])
+    result[len(near) :] = halos
+    return result
+
+
+def fit(shown: Pictures, captures: Pictures, *, cells: Sequence[int] = CELLS, linear: bool = False) -> Model:
+    """Fit the model.
+
+    shown : the pictures' light as the camera sees it without spread, (pairs, height, width, 3).
+    captures : (pairs, height, width, 3).
+    linear : whether each channel depends linearly on its own primary only.
+    """
+    slope, offset, _ = regression(shown, captures)
+    slope, offset = np.maximum(slope, 0).astype(np.float32), offset.astype(np.float32)
+    rest = captures - (slope * shown + offset)
+    valid = (captures < 0.98).astype(np.float32)
+    height, width = slope.shape[:2]
+    levels = [
+        Level(cell, np.zeros((3, -(-height // cell), -(-width // cell), len(prior(n))), np.float32))
+        for n, cell in enumerate(cells)
+    ]
+    for k in range(3):
+        F = features(shown, halos_of(shown[..., k], slope[..., k]), slope, k)
+        for number, level in enumerate(levels):
+            used, std = np.flatnonzero(prior(number, linear)), prior(number, linear)
+            variance = _variance(captures[..., k], rest[..., k])
+            w = valid[..., k] / np.sqrt(_at(variance, captures[..., k] - rest[..., k]))
+            for rows in bands(height, max(BAND, level.cell)):
+                A = F[:, :, rows][used] * std[used, None, None, None] * w[:, rows]
+                cells_of = slice(rows.start // level.cell, -(-rows.stop // level.cell))
+                level.coefficients[k, cells_of][..., used] = (
+                    _solved(A, rest[:, rows, :, k] * w[:, rows], level.cell) * std[used]
+                )
+            rest[..., k] -= level.light(F, k)
+    return Model(slope, offset, tuple(levels))
+
+
+def _solved(A: NDArray[np.floating], y: NDArray[np.floating], cell: int) -> NDArray[np.floating]:
+    """Return the ridge solution of every cell, (cells down, cells across, features).
+
+    A : (features, pairs, rows, width).
+    y : (pairs, rows, width).
+    """
+    count, _, height, width = A.shape
+    down, across = -(-height // cell), -(-width // cell)
+    if cell == 1:
+        each = np.ascontiguousarray(A.transpose(2, 3, 0, 1))
+        J, h = each @ each.swapaxes(2, 3), each @ y.transpose(1, 2, 0)[..., None]
+    else:
+        J = np.zeros((down, across, count, count), np.float32)
+        h = np.zeros((down, across, count, 1), np.float32)
+        for i in range(down):
+            for j in range(across):
+                here = (..., slice(i * cell, (i + 1) * cell), slice(j * cell, (j + 1) * cell))
+                part, rest = A[here].reshape(count, -1), y[here].reshape(-1, 1)
+                J[i, j], h[i, j] = part @ part.T, part @ rest
+    J = J / cell + np.eye(count, dtype=np.float32)  # neighbouring pixels' errors are alike
+    return np.asarray(np.linalg.solve(J, h / cell))[..., 0]
+
+
+def _variance(light: NDArray[np.floating], rest: NDArray[np.floating]) -> FloatArray:
+    """Measure the variance of residuals by the level of light: (2, BINS)."""
+    light, square = (light - rest).ravel()[::7], rest.ravel()[::7] ** 2
+    edges = np.quantile(light, np.linspace(0, 1, BINS + 1))
+    number = np.clip(np.searchsorted(edges, light) - 1, 0, BINS - 1)
+    count = np.maximum(np.bincount(number, minlength=BINS), 1)
+    means = [np.bincount(number, each, BINS) / count for each in (light, square)]
+    return np.stack([means[0], np.maximum(means[1], 1e-8)])
+
+
+def _at(variance: FloatArray, light: NDArray[np.floating]) -> NDArray[np.floating]:
+    return np.asarray(np.interp(light, variance[0], variance[1]), np.float32)

@@ -1,0 +1,136 @@
+"""Find and read pairs: projector pictures and their photographs.
+
+Pairs are matched by a list, by the last number in the names, or by content (matching.py).
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph
+from counterlight.tools.hdr.raw_files import is_raw
+
+LEAST = 8  # pairs
+LONGEST_SIDE = 640  # camera pixels of a room's longer side, unless given
+Size = tuple[int, int]  # (width, height)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A projector picture and its photograph."""
+
+    picture: Path
+    photograph: Path
+
+    @property
+    def name(self) -> str:
+        return f"{self.picture.name} with {self.photograph.name}"
+
+
+def files_in(folder: Path) -> list[Path]:
+    """Return the pictures of a folder in the order of their numbers."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected a folder of pictures")
+    found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
+    return sorted(found, key=lambda path: (number_of(path) is None, number_of(path) or 0, path.name))
+
+
+def number_of(path: Path) -> int | None:
+    """Return the last number in a file's name."""
+    numbers = re.findall(r"\d+", path.stem)
+    return int(numbers[-1]) if numbers else None
+
+
+def pairs_by_number(pictures: Sequence[Path], photographs: Sequence[Path]) -> list[Pair] | None:
+    """Match the photographs to the pictures with the same numbers; None unless every photograph has one picture."""
+    by_number: dict[int | None, list[Path]] = {}
+    for path in pictures:
+        by_number.setdefault(number_of(path), []).append(path)
+    numbers = [number_of(path) for path in photographs]
+    if None in numbers or len(set(numbers)) < len(numbers) or any(len(by_number.get(n, [])) != 1 for n in numbers):
+        return None
+    return [Pair(by_number[number][0], path) for number, path in zip(numbers, photographs, strict=True)]
+
+
+def pairs_by_list(path: Path, pictures: Path, photographs: Path) -> list[Pair]:
+    """Read a list of pairs: a picture and a photograph per line, separated by a comma, semicolon or tab."""
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a list of pairs ({error})") from None
+    pairs = []
+    for number, line in enumerate(lines, 1):
+        words = [word.strip() for word in re.split(r"[,;\t]", line)]
+        if not line.strip():
+            continue
+        if len(words) != 2:
+            raise InputError(f"{path}: line {number} has {len(words)} names, expected PICTURE, PHOTOGRAPH")
+        pair = Pair(pictures / words[0], photographs / words[1])
+        for each in (pair.picture, pair.photograph):
+            if not each.is_file():
+                raise InputError(f"{path}: line {number} names {each}, which does not exist")
+        pairs.append(pair)
+    return pairs
+
+
+def check_count(count: int, where: Path) -> None:
+    if count < LEAST:
+        raise InputError(f"{where}: {count} pairs, expected at least {LEAST}; photograph more pictures")
+
+
+def read_pictures(paths: Sequence[Path]) -> NDArray[np.uint8]:
+    """Read projector pictures as 8-bit code values, (pictures, height, width, 3). All must have the same size."""
+    first: tuple[int, ...] = ()
+    result = []
+    for path in paths:
+        picture = _coloured(read_photograph(path))
+        codes = (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture
+        first = first or codes.shape
+        _check_size(path, codes.shape, first, paths[0])
+        result.append(codes)
+    return np.stack(result)
+
+
+def read_photographs(
+    paths: Sequence[Path], response: Response | None, size: Size | None = None
+) -> NDArray[np.floating]:
+    """Read photographs as linear light, (photographs, height, width, 3), 1 at the largest code value.
+
+    response : the camera's response; None for linear RAW and 16-bit files, and sRGB for 8-bit files.
+    size : (width, height) to reduce to; None to divide the size by the least integer for LONGEST_SIDE.
+    """
+    first: tuple[int, ...] = ()
+    result = []
+    for path in paths:
+        picture = _coloured(read_photograph(path))
+        first = first or picture.shape
+        _check_size(path, picture.shape, first, paths[0])
+        here = response or Response("srgb" if picture.dtype == np.uint8 and not is_raw(path) else "linear")
+        light = here.to_linear(picture / np.float32(np.iinfo(picture.dtype).max)).astype(np.float32)
+        result.append(cv2.resize(light, size or room_size(first), interpolation=cv2.INTER_AREA))
+    return np.stack(result)
+
+
+def room_size(shape: Sequence[int]) -> Size:
+    """Return (width, height) of the camera of a room made of photographs of this shape."""
+    divisor = -(-max(shape[:2]) // LONGEST_SIDE)
+    return shape[1] // divisor, shape[0] // divisor
+
+
+def _coloured(picture: NDArray[Any]) -> NDArray[Any]:
+    return picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
+
+
+def _check_size(path: Path, found: Sequence[int], first: Sequence[int], of: Path) -> None:
+    if tuple(found) != tuple(first):
+        raise InputError(
+            f"{path}: {found[1]}x{found[0]}, but {of.name} is {first[1]}x{first[0]}; all must have the same size"
+        )

@@ -1,0 +1,309 @@
+"""Make a calibration from pairs, and test it on pairs that the fit did not use."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from counterlight import calibration
+from counterlight.arrays import BoolArray
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.files.png import write_png
+from counterlight.response import Response
+from counterlight.tools.pairs.fitting import Fitted, agreement, fit_pairs, longest_run
+from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
+from counterlight.tools.pairs.matching import matched
+from counterlight.tools.pairs.model import BLOCK, HALO, REACH, WINDOW, block_blur
+from counterlight.tools.pairs.photographs import (
+    Pair,
+    Size,
+    check_count,
+    files_in,
+    pairs_by_list,
+    pairs_by_number,
+    read_photographs,
+    read_pictures,
+)
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
+from counterlight.writing.outputs import check_file
+from counterlight.writing.replacing import replacing_file
+
+HELD = 8  # one of so many pairs is predicted by a fit of the others
+FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are dropped
+LINEAR = Response("linear")
+CODES = 256
+UNSTEADY = 0.05  # deviation of gains that is reported
+
+
+@dataclass(frozen=True)
+class PairsOptions:
+    """How pairs are read.
+
+    listed : list of pairs; None to match numbers, or content.
+    black : photograph of the black picture; None to estimate ambient light from the pairs.
+    camera_response : None for linear RAW and 16-bit files, and sRGB for 8-bit files.
+    camera : size of the room's camera; None to reduce the photographs by the least integer.
+    quality : PNG of a held-out capture, its prediction and the difference; None to write none.
+    """
+
+    listed: Path | None = None
+    black: Path | None = None
+    camera_response: Response | None = None
+    camera: Size | None = None
+    quality: Path | None = None
+
+
+@dataclass(frozen=True)
+class PairsSummary:
+    """The result of an import; the text is the command's output."""
+
+    pairs: int
+    held: int
+    decibels: float
+    matched: str
+    left_out: tuple[str, ...]
+    gains: float
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.pairs} pairs matched by {self.matched}; {self.held} held-out captures predicted to "
+            f"{self.decibels:.1f} dB by a fit of the others"
+        ]
+        if self.gains > UNSTEADY:
+            lines.append(f"gains of captures vary by {100 * self.gains:.1f} %; lock the camera's exposure")
+        lines += [f"left out: {each}" for each in self.left_out]
+        return "\n".join(lines)
+
+
+def import_pairs_room(
+    pictures: Path,
+    photographs: Path,
+    folder: Path,
+    options: PairsOptions,
+    *,
+    name: str | None = None,
+    force: bool = False,
+) -> PairsSummary:
+    """Fit a room to pairs and write the calibration `folder`, which appears whole or not at all.
+
+    Raises InputError for pairs that are too few, alike, saturated, of another room, or of a camera that moved.
+    """
+    inputs = [pictures, photographs, *(each for each in (options.listed, options.black) if each)]
+    if options.quality:
+        check_file(options.quality, suffixes=[".png"], inputs=inputs)
+    with calibration.replacing(folder, force=force, inputs=inputs) as stage:
+        pairs, by = find_pairs(pictures, photographs, options)
+        codes = read_pictures([pair.picture for pair in pairs])
+        captures = read_photographs([pair.photograph for pair in pairs], options.camera_response, options.camera)
+        kept, left_out = _sorted_out(codes, captures, pairs)
+        check_count(len(kept), photographs)
+        codes, captures = codes[kept], captures[kept]
+        held = max(1, len(kept) // HELD)
+        trial = fit_pairs(codes[:-held], captures[:-held], additive=True)
+        predicted = trial.predict(codes[-held:])
+        quality = decibels(predicted, captures[-held:], trial.lit)
+        fitted = fit_pairs(codes, captures, additive=True)
+        room, transport = _room(fitted, codes.shape[1:3], name or folder.name, f"{len(kept)} pairs", options)
+        write_transport(transport, stage)
+        calibration.write(room, stage)
+    if options.quality:
+        with replacing_file(options.quality) as temporary:
+            write_png(temporary, quality_picture(predicted[-1], captures[-1]))
+    spread = float(np.std(fitted.gains, axis=0).max())
+    return PairsSummary(len(kept), held, quality, by, tuple(left_out), spread)
+
+
+def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tuple[list[Pair], str]:
+    """Return the pairs, and how they were matched."""
+    if options.listed:
+        pairs = pairs_by_list(options.listed, pictures, photographs)
+        check_count(len(pairs), options.listed)
+        return pairs, "a list"
+    shown, seen = files_in(pictures), files_in(photographs)
+    check_count(min(len(shown), len(seen)), photographs if len(seen) <= len(shown) else pictures)
+    by_number = pairs_by_number(shown, seen)
+    if by_number:
+        return by_number, "number"
+    codes = read_pictures(shown) / np.float32(255)
+    light = read_photographs(seen, options.camera_response, options.camera)
+    numbers = matched(list(codes), list(light ** (1 / 2.2)))
+    if numbers is None:
+        raise InputError(f"{photographs}: {NO_MATCH}")
+    pairs = [Pair(shown[n], path) for n, path in zip(numbers, seen, strict=True) if n >= 0]
+    check_count(len(pairs), photographs)
+    return pairs, "content"
+
+
+def _sorted_out(codes: NDArray[np.uint8], captures: Pictures, pairs: list[Pair]) -> tuple[NDArray[np.intp], list[str]]:
+    """Return the numbers of the pairs that belong to the room, and a line for each other pair."""
+    fitted = fit_pairs(codes, captures, additive=True)
+    found = agreement(fitted.predict(codes), captures, fitted.lit)
+    if longest_run(list(found.moved)) > 1 or found.moved.sum() > len(pairs) // HELD:
+        first = int(np.flatnonzero(found.moved)[0])
+        raise InputError(
+            f"{pairs[first].photograph}: shifted by {found.shift[first]:.1f} camera pixels against the "
+            "other photographs; the camera moved in between. Photograph all pictures again from one place"
+        )
+    wrong = found.foreign | found.moved
+    if wrong.sum() > len(pairs) // 4:
+        raise InputError(f"{wrong.sum()} of {len(pairs)} pairs do not belong to the room; {NO_MATCH}")
+    lines = [f"{pairs[n].name}, which do not belong together" for n in np.flatnonzero(wrong)]
+    return np.flatnonzero(~wrong), lines
+
+
+def decibels(predicted: Pictures, captures: Pictures, lit: BoolArray) -> float:
+    """Return the PSNR in linear light, relative to the camera's range, of lit pixels."""
+    error = float(np.mean((np.clip(predicted, 0, 1) - captures)[:, lit] ** 2))
+    return float(-10 * np.log10(max(error, 1e-12)))
+
+
+def quality_picture(predicted: NDArray[np.floating], capture: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return a capture, its prediction and their difference (grey: none, tenfold) next to each other."""
+    white = max(float(np.percentile(capture, 99.5)), 1e-6)
+    both = [np.clip(each / white, 0, 1) ** (1 / 2.2) for each in (capture, predicted)]
+    row = np.concatenate([*both, np.clip(0.5 + 10 * (predicted - capture) / white, 0, 1)], axis=1)
+    return np.asarray(np.rint(row * 255), np.uint8)
+
+
+def _room(
+    fitted: Fitted, projector: tuple[int, int], name: str, what: str, options: PairsOptions
+) -> tuple[Calibration, Transport]:
+    transport = transport_of(fitted, projector)
+    ambient = ambient_of(fitted)
+    if options.black:
+        ambient = read_photographs([options.black], options.camera_response, ambient.shape[1::-1])[0]
+    curve = fitted.processing.light(np.repeat(np.linspace(0, 1, CODES)[:, None], 3, axis=1)).astype(np.float64)
+    response = Response("table", table=tuple(tuple(float(v) for v in row) for row in curve / curve[-1]))
+    room = Calibration(
+        name,
+        f"counterlight import-pairs: {what}, response from the pairs",
+        (Device(*projector, response),),
+        Device(ambient.shape[0], ambient.shape[1], LINEAR),
+        ambient,
+        fitted.lit,
+    )
+    return room, transport
+
+
+def ambient_of(fitted: Fitted) -> NDArray[np.floating]:
+    """Return the light at black, (height, width, 3)."""
+    model = fitted.model
+    planes = [_coefficient(fitted, k, 0) for k in range(3)]
+    return np.asarray(np.maximum(model.offset + model.slope * np.stack(planes, axis=-1), 0), np.float32)
+
+
+def _coefficient(fitted: Fitted, k: int, feature: int) -> NDArray[np.floating]:
+    shape = fitted.model.slope.shape[:2]
+    planes = [level.plane(k, feature, shape) for level in fitted.model.levels]
+    return np.asarray(np.sum(planes, axis=0), np.float32)
+
+
+def transport_of(fitted: Fitted, projector: tuple[int, int]) -> Transport:
+    """Return T of a fit of an additive response."""
+    camera = fitted.model.slope.shape[:2]
+    seen = [_interpolation(fitted.places.places[k], projector, fitted.factor) for k in range(3)]
+    near = [_pruned(sparse.csr_array(_taps(fitted, k) @ seen[k])) for k in range(3)]
+    return Transport.from_matrices(near, _far(fitted, seen), camera=camera, projector=projector)
+
+
+def _interpolation(places: NDArray[np.floating], projector: tuple[int, int], factor: int) -> Csr:
+    """Return the matrix that looks a projector picture up at places of its reduced version, darkness outside."""
+    height, width = (-(-side // factor) for side in projector)
+    x, y = (places[..., axis].ravel().astype(np.float64) for axis in range(2))
+    rows, columns, weights = [], [], []
+    for dy in range(2):
+        for dx in range(2):
+            at_y, at_x = np.floor(y).astype(int) + dy, np.floor(x).astype(int) + dx
+            weight = (1 - np.abs(y - at_y)) * (1 - np.abs(x - at_x))
+            there = (at_y >= 0) & (at_y < height) & (at_x >= 0) & (at_x < width) & (weight > 0)
+            rows.append(np.flatnonzero(there))
+            columns.append((at_y * width + at_x)[there])
+            weights.append(weight[there])
+    lookup = (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns)))
+    return sparse.csr_array(sparse.csr_array(lookup, (x.size, height * width)) @ _means(projector, factor))
+
+
+def _means(projector: tuple[int, int], factor: int) -> Csr:
+    """Return the matrix that reduces a projector picture, with its border repeated."""
+    lines = []
+    for side in projector:
+        small = -(-side // factor)
+        at = np.minimum(np.arange(small * factor), side - 1)
+        entries = (np.full(small * factor, 1 / factor), (np.arange(small * factor) // factor, at))
+        lines.append(sparse.csr_array(entries, (small, side)))
+    return sparse.csr_array(sparse.kron(lines[0], lines[1], format="csr"))
+
+
+def _taps(fitted: Fitted, k: int) -> Csr:
+    """Return the spread of camera pixels over their neighbours in radiance, (camera pixels, camera pixels)."""
+    slope = fitted.model.slope[..., k]
+    height, width = slope.shape
+    y, x = np.mgrid[:height, :width]
+    first = 5  # feature of the first tap
+    taps = [_coefficient(fitted, k, first + n) for n in range(len(WINDOW))]
+    centre = 1 + _coefficient(fitted, k, 1) - np.sum(taps, axis=0)
+    weights, columns = [slope * centre], [y * width + x]
+    for (dy, dx), tap in zip(WINDOW, taps, strict=True):
+        weights.append(slope * tap)
+        at_y, at_x = np.clip(y + dy - REACH, 0, height - 1), np.clip(x + dx - REACH, 0, width - 1)
+        columns.append(at_y * width + at_x)
+    rows = np.tile(np.arange(height * width), len(weights))
+    entries = (
+        np.concatenate([w.ravel() for w in weights]).astype(np.float64),
+        (rows, np.concatenate([c.ravel() for c in columns])),
+    )
+    return sparse.csr_array(entries, (height * width,) * 2)
+
+
+def _pruned(T: Csr) -> Csr:
+    """Drop negative and faint entries, and scale each row to its sum."""
+    T.sum_duplicates()
+    rows = np.repeat(np.arange(T.shape[0]), np.diff(T.indptr))
+    wanted = np.maximum(np.asarray(T.sum(axis=1)).ravel(), 0)
+    largest = np.zeros(T.shape[0])
+    np.maximum.at(largest, rows, T.data)
+    T.data[T.data < FAINTEST * largest[rows]] = 0
+    T.eliminate_zeros()
+    kept = np.asarray(T.sum(axis=1)).ravel()
+    scale = np.divide(wanted, kept, out=np.zeros_like(kept), where=kept > 0)
+    return _float32(sparse.diags_array(scale) @ T)
+
+
+def _far(fitted: Fitted, seen: list[Csr]) -> FarLight | None:
+    """Return the halo as far light over blocks of camera pixels; None if there is none."""
+    shape = fitted.model.slope.shape[:2]
+    blocks = (-(-shape[0] // BLOCK), -(-shape[1] // BLOCK))
+    count, pixels = blocks[0] * blocks[1], shape[0] * shape[1]
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    block = (y // BLOCK * blocks[1] + x // BLOCK).ravel()
+    gather, mix = [], np.zeros((3, count, count))
+    for k in range(3):
+        light = (fitted.model.slope[..., k].ravel() / BLOCK**2, (block, np.arange(pixels)))
+        gather.append(_float32(sparse.csr_array(light, (count, pixels)) @ seen[k]))
+        for number, sigma in enumerate(HALO[1:], 5 + len(WINDOW) + 1):
+            strength = cv2.resize(_coefficient(fitted, k, number), blocks[::-1], interpolation=cv2.INTER_AREA)
+            blur = np.kron(block_blur(blocks[0], sigma), block_blur(blocks[1], sigma))
+            mix[k] += strength.reshape(-1, 1) * blur
+    mix = np.maximum(mix, 0)
+    if not mix.any():
+        return None
+    between = [_interpolation_of_blocks(shape, blocks)] * 3
+    return FarLight.from_matrices(gather, mix, between)
+
+
+def _interpolation_of_blocks(shape: tuple[int, int], blocks: tuple[int, int]) -> Csr:
+    """Return the matrix that interpolates between the middles of blocks, (camera pixels, blocks)."""
+    lines = []
+    for side, count in zip(shape, blocks, strict=True):
+        at = np.clip((np.arange(side) + 0.5) / BLOCK - 0.5, 0, count - 1)
+        lines.append(sparse.csr_array(np.maximum(0, 1 - np.abs(at[:, None] - np.arange(count)))))
+    return _float32(sparse.kron(lines[0], lines[1], format="csr"))
+
+
+def _float32(matrix: Csr) -> Csr:
+    return sparse.csr_array(matrix).astype(np.float32)
