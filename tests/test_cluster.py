@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from distributed import Client
 
 from counterlight.tools.shipped import CLIP
-from tests.programs import command, descendants, fail, running, script, succeed, verb, wait_until
+from tests.programs import descendants, fail, running, script, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 from tests.test_segments import packets
 
@@ -28,22 +29,77 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def names_of_workers(scheduler: str) -> list[str]:
+    with Client(scheduler, set_as_default=False) as client:
+        return sorted(each["name"] for each in client.scheduler_info()["workers"].values())
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a scheduler."""
+    folder = tmp_path_factory.mktemp("scheduler")
+    told = folder / "scheduler.json"
+    words = script("dask"), "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
+    with running(*words, "--scheduler-file", told, folder=folder, errors=None) as process:
+        wait_until(lambda: told.exists() and '"address"' in told.read_text(), "no scheduler", process)
+        yield str(told.read_text().split('"address": "')[1].split('"')[0])
+
+
+def test_a_scheduler_without_workers_is_one_line(room: Path, scheduler: str) -> None:
+    assert "no worker is there; start some with: dask worker" in fail("build", room, "--cluster", scheduler)
+
+
+BLIND = "import counterlight.jobs.cluster as c; c.content_of = lambda path: None"
+OLDER = "import counterlight.jobs.cluster as c; c.LIBRARIES = ('numpy',); c.program.cache_clear()"
+STRANGE = "import importlib.metadata as m; v = m.version; m.version = lambda n: v('no-' * (n == 'counterlight') + n)"
+
+
+@pytest.mark.parametrize(
+    ("made", "expected"),
+    [
+        (STRANGE, "has no counterlight; install it there"),
+        (OLDER, "has scipy None, numba None, av None, here is scipy "),
+        (BLIND, "calibration.toml: the worker tcp://.* does not see it; share its folder with all workers"),
+    ],
+)
+def test_a_worker_that_cannot_do_the_same_is_one_line(room: Path, scheduler: str, made: str, expected: str) -> None:
+    """A worker lacks a dependency or a file, because its process was started so."""
+    begun = f"{made}; from distributed.cli.dask_worker import main; main()"
+    name = expected.split()[1]
+    words = sys.executable, "-c", begun, scheduler, "--no-nanny", "--nthreads", "1", "--no-dashboard", "--name", name
+    with running(*words, errors=None) as worker:  # the scheduler may still know the worker that was killed before
+        wait_until(lambda: names_of_workers(scheduler) == [name], "it never came", worker)
+        line = fail("build", room, "--cluster", scheduler)
+    assert re.search(expected, line), line
+
+
+@pytest.fixture(scope="module")
+def workers(scheduler: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Two workers of the scheduler."""
+    words = script("dask"), "worker", scheduler, "--nworkers", "2", "--nthreads", "1", "--no-dashboard", "--name", "w"
+    with running(*words, folder=tmp_path_factory.mktemp("workers"), errors=None) as process:
+        wait_until(lambda: names_of_workers(scheduler) == ["w-0", "w-1"], "no workers", process)
+        yield
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_windows_inverted_elsewhere_are_the_same_to_the_last_bit(room: Path) -> None:
+@pytest.mark.usefixtures("workers")
+def test_windows_inverted_elsewhere_are_the_same_to_the_last_bit(room: Path, scheduler: str) -> None:
     words = "build", room, "--inverse", "whole", "--regularize", "0.05"
     assert "windowed: one cluster of 2 000 projector pixels" in succeed(*words)
     here = contents(room)
-    succeed(*words, *LOCAL)
+    succeed(*words, "--cluster", scheduler)
     assert contents(room) == here
 
 
-def test_bands_traced_elsewhere_are_the_same_to_the_last_bit(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("workers")
+def test_bands_traced_elsewhere_are_the_same_to_the_last_bit(scheduler: str, tmp_path: Path) -> None:
     words = SCENE, "--camera", "288x120", "--projector", "72x40"
     succeed("simulate", *words, "-o", tmp_path / "here")
-    succeed("simulate", *words, "-o", tmp_path / "there", *LOCAL)
+    succeed("simulate", *words, "-o", tmp_path / "there", "--cluster", scheduler)
     assert contents(tmp_path / "there") == contents(tmp_path / "here")
 
 
@@ -121,43 +177,6 @@ def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Pa
     assert (tmp_path / "there" / sheet).read_bytes() == (tmp_path / "here" / sheet).read_bytes()
 
 
-@pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[str]:
-    """Address of a scheduler without workers."""
-    told = tmp_path / "scheduler.json"
-    words = script("dask"), "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
-    with running(*words, "--scheduler-file", told, folder=tmp_path, errors=None) as process:
-        wait_until(lambda: told.exists() and '"address"' in told.read_text(), "no scheduler", process)
-        yield str(told.read_text().split('"address": "')[1].split('"')[0])
-
-
-BLIND = "import counterlight.jobs.cluster as c; c.content_of = lambda path: None"
-OLDER = "import counterlight.jobs.cluster as c; c.LIBRARIES = ('numpy',); c.program.cache_clear()"
-STRANGE = "import importlib.metadata as m; v = m.version; m.version = lambda n: v('no-' * (n == 'counterlight') + n)"
-
-
-@pytest.mark.parametrize(
-    ("made", "expected"),
-    [
-        (STRANGE, "has no counterlight; install it there"),
-        (OLDER, "has scipy None, numba None, av None, here is scipy "),
-        (BLIND, "calibration.toml: the worker tcp://.* does not see it; share its folder with all workers"),
-    ],
-)
-def test_a_worker_that_cannot_do_the_same_is_one_line(room: Path, scheduler: str, made: str, expected: str) -> None:
-    """A worker lacks a dependency or a file, because its process was started so."""
-    begun = f"{made}; from distributed.cli.dask_worker import main; main()"
-    words = sys.executable, "-c", begun, scheduler, "--no-nanny", "--nthreads", "1", "--no-dashboard"
-    with running(*words, errors=None) as worker:
-        wait_until(lambda: "no worker is there" not in refused(room, scheduler), "it never came", worker)
-        line = fail("build", room, "--cluster", scheduler)
-    assert re.search(expected, line), line
-
-
-def refused(room: Path, scheduler: str) -> str:
-    return command("build", room, "--cluster", scheduler).stderr
-
-
 @pytest.mark.parametrize(
     ("address", "expected"),
     [
@@ -170,7 +189,3 @@ def test_an_address_where_nobody_is_is_one_line(room: Path, address: str, expect
     before = contents(room)
     assert f"--cluster {address}: {expected}" in fail("build", room, "--cluster", address)
     assert contents(room) == before
-
-
-def test_a_scheduler_without_workers_is_one_line(room: Path, scheduler: str) -> None:
-    assert "no worker is there; start some with: dask worker" in fail("build", room, "--cluster", scheduler)

@@ -166,6 +166,7 @@ TOOL_ROOMS = {  # folders of the tools, and the folders that each may import
     "acquisition": "clusters colour factoring hdr inverse joining simulation solve transport",
     "report": "acquisition clusters colour inverse relighting solve transport ways",
     "exports": "inverse transport",
+    "pairs": "hdr transport",
     "study": "acquisition clusters colour inverse joining relighting report simulation solve transport",
 }
 

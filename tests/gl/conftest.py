@@ -1,6 +1,8 @@
 """Rooms and media that several tests of windows use."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -10,6 +12,9 @@ import pytest
 from tests.joint_rooms import join, write_halves
 from tests.programs import here
 from tests.rooms import write_blurred_room
+from tests.web_remote import Place, Visitor, show_with_remote
+
+AT_START = {"pause": False, "blackout": False, "test-card": "no", "view": "projector", "loop-file": True}
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +55,41 @@ def noise_picture(tmp_path: Path, rng: np.random.Generator) -> Path:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return the player's working folder, with a small clip of five seconds."""
-    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
+    write_clip(tmp_path)
+    return tmp_path
+
+
+def write_clip(folder: Path) -> None:
+    with av.open(str(folder / "clip.mkv"), "w") as container:
         stream = container.add_stream("mpeg4", rate=25)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for index in range(125):
             picture = np.full((48, 64, 3), index, np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode(None))
-    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the working folder of the shared show."""
+    folder = tmp_path_factory.mktemp("shared")
+    write_clip(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def shared_show(xvfb: str, small_room: Path, shared_folder: Path) -> Iterator[tuple[Any, Place]]:
+    """Process and page of a looping show that several tests use."""
+    with show_with_remote(xvfb, shared_folder, small_room, "clip.mkv", "--loop") as shown:
+        yield shown
+
+
+@pytest.fixture
+def visitor(shared_show: tuple[Any, Place]) -> Iterator[Visitor]:
+    """Visitor of the shared show, which plays as at its start, and is paused between tests to leave the cores alone."""
+    with shared_show[1].visit() as visitor:
+        for name, value in AT_START.items():
+            assert visitor.ask("set_property", name, value)["error"] == "success"
+        assert visitor.ask("loadfile", "clip.mkv")["error"] == "success"
+        yield visitor
+        visitor.ask("set_property", "pause", True)

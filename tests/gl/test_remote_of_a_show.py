@@ -7,6 +7,7 @@ import signal
 import socket
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,33 +24,34 @@ from tests.programs import PATIENCE_S, descendants, fail, on, wait_until
 from tests.web_remote import Place, child, free_port, printed_address, show_with_remote
 
 
+@pytest.mark.usefixtures("visitor")
 def test_the_page_needs_no_token_and_says_nothing_and_everything_else_is_refused(
-    xvfb: str, small_room: Path, folder: Path
+    shared_show: tuple[Any, Place],
 ) -> None:
-    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (_, place):
-        for path, kind in (("/", "text/html"), ("/remote.js", "text/javascript"), ("/remote.css", "text/css")):
-            status, headers, body = place.get(path)
-            assert status == 200
-            assert headers["content-type"].startswith(kind)
-            assert "default-src 'none'" in headers["content-security-policy"]
-            assert headers["referrer-policy"] == "no-referrer"
-            assert place.token.encode() not in body
-            assert b"://" not in body.replace(b"http://www.w3.org/", b"")  # nothing is loaded from elsewhere
-        assert place.get("/../../etc/passwd")[0] == place.get("/remote.py")[0] == 404
-        assert place.get("/", Host="evil.example")[0] == 421  # a foreign host name that points here
-        assert place.get("/socket")[0] == 401
-        for wrong, status in (
-            ({"token": "x" * 22}, 401),
-            ({"token": place.token[:-1]}, 401),
-            ({"host": "evil.example"}, 421),
-            ({"origin": "http://evil.example"}, 403),
-            ({"origin": "null"}, 403),
-        ):
-            with pytest.raises(InvalidStatus) as refused:
-                place.visit(**wrong)
-            assert refused.value.response.status_code == status, wrong
-        with place.visit(origin=f"http://127.0.0.1:{place.port}") as visitor:
-            assert visitor.get("pause") is False
+    _, place = shared_show
+    for path, kind in (("/", "text/html"), ("/remote.js", "text/javascript"), ("/remote.css", "text/css")):
+        status, headers, body = place.get(path)
+        assert status == 200
+        assert headers["content-type"].startswith(kind)
+        assert "default-src 'none'" in headers["content-security-policy"]
+        assert headers["referrer-policy"] == "no-referrer"
+        assert place.token.encode() not in body
+        assert b"://" not in body.replace(b"http://www.w3.org/", b"")  # nothing is loaded from elsewhere
+    assert place.get("/../../etc/passwd")[0] == place.get("/remote.py")[0] == 404
+    assert place.get("/", Host="evil.example")[0] == 421  # a foreign host name that points here
+    assert place.get("/socket")[0] == 401
+    for wrong, status in (
+        ({"token": "x" * 22}, 401),
+        ({"token": place.token[:-1]}, 401),
+        ({"host": "evil.example"}, 421),
+        ({"origin": "http://evil.example"}, 403),
+        ({"origin": "null"}, 403),
+    ):
+        with pytest.raises(InvalidStatus) as refused:
+            place.visit(**wrong)
+        assert refused.value.response.status_code == status, wrong
+    with place.visit(origin=f"http://127.0.0.1:{place.port}") as visitor:
+        assert visitor.get("pause") is False
 
 
 def test_what_a_visitor_asks_is_done_and_all_are_told_what_changes(xvfb: str, small_room: Path, folder: Path) -> None:
@@ -106,31 +108,32 @@ def test_pictures_of_the_screen_and_of_what_the_camera_will_see(xvfb: str, small
             assert visitor.ask("preview", "screen", serial)["data"] is None  # nothing has changed
 
 
-def test_twenty_visitors_and_slow_ones(xvfb: str, small_room: Path, folder: Path) -> None:
+@pytest.mark.usefixtures("visitor")
+def test_twenty_visitors_and_slow_ones(shared_show: tuple[Any, Place]) -> None:
     """Twenty visitors request pictures and receive all changes. Five request and do not read.
 
     Show and others continue.
     """
-    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place):
-        visitors = [place.visit() for _ in range(20)]
-        slow = [SlowVisitor(place) for _ in range(5)]
-        frames = visitors[0].get("frames")
-        for _ in range(10):
-            for each in slow:
-                each.ask_for_much()
-            for visitor in visitors:
-                assert visitor.ask("preview", "camera", -1)["error"] == "success"
-        wait_until(lambda: visitors[0].get("frames") > frames + 25, "the show goes on", process)
-        visitors[3].ask("set_property", "contrast", 7)
-        for visitor in visitors:
-            visitor.hear_until(lambda visitor=visitor: visitor.values.get("contrast") == 7)  # type: ignore[misc]
-        for visitor in visitors:
-            visitor.close()
-        assert (
-            rss_mib(child(process.pid, "counterlight.remote")) < 100
-        )  # unread data of slow visitors is not kept without limit
+    process, place = shared_show
+    visitors = [place.visit() for _ in range(20)]
+    slow = [SlowVisitor(place) for _ in range(5)]
+    frames = visitors[0].get("frames")
+    for _ in range(10):
         for each in slow:
-            each.close()
+            each.ask_for_much()
+        for visitor in visitors:
+            assert visitor.ask("preview", "camera", -1)["error"] == "success"
+    wait_until(lambda: visitors[0].get("frames") > frames + 25, "the show goes on", process)
+    visitors[3].ask("set_property", "contrast", 7)
+    for visitor in visitors:
+        visitor.hear_until(lambda visitor=visitor: visitor.values.get("contrast") == 7)  # type: ignore[misc]
+    for visitor in visitors:
+        visitor.close()
+    assert (
+        rss_mib(child(process.pid, "counterlight.remote")) < 100
+    )  # unread data of slow visitors is not kept without limit
+    for each in slow:
+        each.close()
 
 
 class SlowVisitor:
