@@ -66,11 +66,14 @@ class Kernels:
         from numba.core.dispatcher import Dispatcher
         from numba.np.ufunc import parallel
 
+        from counterlight.passes.kernel import dispatchers
+
         parallel._backend_init_process_lock = (
             contextlib.nullcontext()
         )  # a copy that is killed must hold no lock of others
         modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == PRODUCT]
         found = {id(each): each for module in modules for each in _flat(vars(module).values())}
+        found |= {id(each): each for each, _ in dispatchers()}
         self._functions = [each for each in found.values() if isinstance(each, Dispatcher) and each.stats.cache_path]
         self._known: dict[Path, int] = {}
         os.register_at_fork(after_in_child=self._restart_threads)
