@@ -1,14 +1,14 @@
 """Measures or simulates light transport, and plays through its inverse: `import counterlight as cl` (docs/api.md).
 
 This folder runs once per frame: the player and the files that it reads. tools/ is counterlight.tools. files/ reads all
-files, writing/ writes them, and maps/ is the matrix format. media/ reads pictures and sound, pipeline/ computes a
-frame, gl/ does so on a GPU, and overlay/ draws over the picture. show/ is the loop in a window, and the rendering into
-files. jobs/ runs parts of a task in parallel, unattended/ supervises a show. Here are also calibration.py (the
-calibration folder), response.py, plots.py, command.py and errors.py. tests/test_house.py checks the imports between
-folders.
+files, writing/ writes them, and maps/ is the matrix format. media/ reads pictures and sound. passes/ holds a frame's
+passes, pipeline/ runs them, gl/ draws them on a GPU, and overlay/ draws over the picture. show/ is the loop in a
+window, and the rendering into files. jobs/ runs parts of a task in parallel, unattended/ supervises a show. Here are
+also calibration.py (the calibration folder), response.py, plots.py, command.py and errors.py. tests/test_house.py
+checks the imports between folders.
 May import numpy, OpenEXR, cv2 and PyAV, never scipy. May not import `counterlight.tools`, except for the names below
 when they are used. Only `counterlight.gl` imports moderngl and glfw.
-Read next: maps/row_map.py (the contract), pipeline/reference.py (the mathematics), app.py (the command).
+Read next: maps/row_map.py (the contract), passes/ (the mathematics of a frame), app.py (the command).
 """
 
 TYPE_CHECKING = False

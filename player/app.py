@@ -17,7 +17,7 @@ from counterlight.errors import InputError
 from counterlight.media.audio import open_audio
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.show.command_line import read_options
 from counterlight.show.compiling import compile_passes
@@ -235,7 +235,7 @@ def _display(options: argparse.Namespace, room: Room) -> AbstractContextManager[
     )
 
 
-def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "Callable[[Room], Renderer]":
+def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "Callable[[Room], AnyRenderer]":
     """Return the factory of renderers: OpenGL on a GPU, on request, or for 10-bit codes; otherwise the processor."""
     from counterlight.gl.context import in_software
 
@@ -284,7 +284,7 @@ def _session(
     if sound.output is not None:
         stack.callback(sound.output.close)
 
-    def renewed(fresh: Room) -> Renderer:
+    def renewed(fresh: Room) -> AnyRenderer:
         """Return a renderer of the reloaded room. The window reloads its shader if everything is intact."""
         renderer = made(fresh)
         try:

@@ -1,7 +1,7 @@
 """Transfer curves: how code values become light, for projectors and for pictures.
 
 A *response* maps a code value (0..1, the projector's input) to linear drive (0..1). Shaders use only tables, so that
-analytic and measured curves take the same path. player/pipeline/reference.py reads the same tables.
+analytic and measured curves take the same path. CPU functions read the same tables.
 """
 
 from contextlib import suppress

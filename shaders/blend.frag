@@ -3,7 +3,7 @@
 //
 // Inputs: `now`, `before`, of one size.
 // Output: (1 − weight) now + weight gain before.
-// CPU twin: blend in player/pipeline/reference.py.
+// Pass: player/passes/combine.py.
 uniform sampler2D now, before;
 uniform float weight;
 uniform float gain = 1.0;  // units of `now` in one of `before`

@@ -6,7 +6,7 @@
 // Defines: SCALES: candidates are shares of the greatest scale; if no sum is at most 0, the least sum wins. Without SCALES,
 //   candidates are offsets; if no sum is at most 0, the last candidate wins.
 // Output: (1, o). With SCALES, (s, o), approached from `before` by the share `approach`.
-// CPU twin: choose in player/pipeline/adaptation.py.
+// Pass: player/passes/adaptation.py.
 uniform sampler2D sums, candidates;
 #ifdef SCALES
 uniform sampler2D tone, before;

@@ -7,7 +7,7 @@
 // Defines: TILES, tiles per side; SCALES: candidates are shares of the greatest scale at the given offset. Without SCALES,
 //   candidates are offsets at their greatest scales, and only values below 0 count.
 // Output: TILES columns, 4 · TILES rows: the tiles, four times, for candidates 0..3, 4..7, 8..11 and 12..15.
-// CPU twin: clip_sums in player/pipeline/adaptation.py.
+// Pass: player/passes/adaptation.py.
 uniform sampler2D picture, near, near_white, near_ambient, ambient, most, candidates;
 #ifdef SCALES
 uniform sampler2D tone;

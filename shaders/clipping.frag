@@ -4,7 +4,7 @@
 // Inputs, all of one size: `view`, linear light; `asked`, the target. Targets from 0 to 1 can be shown; with MOST, targets
 //   from 0 to `most`, whose alpha is 0 where a pixel does not count.
 // Output: linear light.
-// CPU twin: clipping in player/pipeline/reference.py.
+// Pass: player/passes/shown_maps.py.
 uniform sampler2D view, asked;
 #ifdef MOST
 uniform sampler2D most;

@@ -4,7 +4,7 @@
 // Inputs: `first`, `second`, of one size.
 // Defines: CLAMP limits the result to 0..1.
 // Output: first + factor · second.
-// CPU twin: combine in player/pipeline/reference.py.
+// Pass: player/passes/combine.py.
 uniform sampler2D first, second;
 uniform float factor;
 

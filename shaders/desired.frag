@@ -9,7 +9,7 @@
 //   FULL limits the light to what each pixel can reach by itself, 0 to `full`, T·1. With MIXED, the limited light is the
 //   light that the camera sees as nearest; `squares` is Q Qᵀ.
 // Output: b, radiance, of their size.
-// CPU twin: desired_light in player/pipeline/reference.py.
+// Pass: player/passes/desired.py.
 uniform sampler2D picture;
 uniform sampler2D ambient;
 uniform float white;

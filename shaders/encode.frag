@@ -9,7 +9,7 @@
 // Defines: SEVERAL, for projectors that differ, the height of a row of them; MIXED; SEGMENT; DITHER_ORDERED (8×8 Bayer),
 // DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / highest.
-// CPU twin: encode in player/pipeline/encoding.py.
+// Pass: player/passes/encode.py.
 uniform sampler2D picture;
 uniform sampler2D inverse_response;
 #ifdef SEVERAL

@@ -4,7 +4,7 @@
 // Inputs: `seen`, radiance; `b`, target of the projector's light; `ambient`; `reach`, output of reach.frag; `colours`,
 //   linear light over the error from −span to span.
 // Output: linear light, `white` times the colour; `uncounted` where reach's alpha is 0.
-// CPU twin: error_map in player/pipeline/reference.py.
+// Pass: player/passes/shown_maps.py.
 uniform sampler2D seen, b, ambient, reach, colours;
 uniform float white, span;
 uniform vec3 uncounted;

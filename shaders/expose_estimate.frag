@@ -5,7 +5,8 @@
 // Defines: EXPONENTIAL: the quotient is ln E.
 // Output: E where the weight is above 0 and E is at least `slack` times the bound. Elsewhere minus the bound, which is 0
 //   where only black was seen. A lower E would contradict a picture that clips.
-// CPU twin: CpuSums.estimate in tools/hdr/sums.py.
+// CPU function: CpuSums.estimate in tools/hdr/sums.py.
+// Pass: player/gl/exposure_sums.py.
 uniform sampler2D sums;
 uniform sampler2D weights;
 uniform sampler2D bounds;

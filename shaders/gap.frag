@@ -3,7 +3,7 @@
 //
 // Inputs: `descent`, −g = Tᵀ(b − T p); `p`, the drive; of one size.
 // Output: the share, ≥ 0, of their size.
-// CPU twin: gap_terms in player/pipeline/reference.py.
+// Pass: player/passes/certificate.py.
 uniform sampler2D descent, p;
 
 out vec4 share;

@@ -3,7 +3,7 @@
 //
 // Inputs: `reach`, output of reach.frag; `colours`, linear light: can be corrected, unlit, below mid grey, below white.
 // Output: linear light, `white` times the colour.
-// CPU twin: impossible in player/pipeline/reference.py.
+// Pass: player/passes/shown_maps.py.
 uniform sampler2D reach, colours;
 uniform float white, mid_grey;   // radiance of both
 uniform float slack;

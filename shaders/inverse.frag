@@ -1,9 +1,9 @@
 #version 330 core
-// Computes one over a picture, and 0 where the picture is 0: step sizes from curvatures (player/pipeline/company.py).
+// Computes one over a picture, and 0 where the picture is 0: step sizes from curvatures (player/pipeline/view_blend.py).
 //
 // Input: `picture`, ≥ 0.
 // Output: 1 / picture, or 0, of its size.
-// CPU twin: inverse in player/pipeline/reference.py.
+// Pass: player/passes/certificate.py.
 uniform sampler2D picture;
 
 out vec4 result;

@@ -3,7 +3,7 @@
 //
 // Inputs: `light`, `base`; `row_red`, `row_green`, `row_blue`, the rows of each pixel's matrix; of one size.
 // Output: matrix · light + base.
-// CPU twin: mix in player/pipeline/reference.py.
+// Pass: player/passes/mixing.py.
 uniform sampler2D light, base, row_red, row_green, row_blue;
 
 out vec4 result;

@@ -5,13 +5,13 @@
 // Inputs: `drive`, linear RGB, 0..1; `projectors`, one row of six texels per projector: the rows of N, (left, top) and
 // (width, height) of its region, its gain g. N maps a position of its pixels to the calibrated region, homogeneous, pixels.
 // Output: drive, 0..1. Beyond the calibrated raster, where the room is unknown, the drive is mirrored and fades out.
-// CPU twin: moved in player/pipeline/drift.py.
+// Pass: player/passes/moved.py.
 uniform sampler2D drive;
 uniform sampler2D projectors;
 
 out vec4 shown;
 
-const float WHOLE = 1.0, FADE = 2.0; // pixels, as in the twin
+const float WHOLE = 1.0, FADE = 2.0; // pixels, as in the CPU function
 
 vec3 row_of(int projector, int column) { return texelFetch(projectors, ivec2(column, projector), 0).rgb; }
 

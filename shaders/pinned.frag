@@ -7,7 +7,7 @@
 // Defines: MOST_TAPS along an axis; a wider filter takes every second sample, or every third …
 // SCREEN, to place the picture on the positions that the target's pixels see.
 // Output: linear RGB.
-// CPU twin: pinned in player/pipeline/reference.py.
+// Pass: player/passes/pinned.py.
 uniform sampler2D source;
 uniform mat3 to_source;    // target (or screen) position -> source position, pixels, homogeneous
 const float TINY = 1e-12;  // pixels: a width that may be divided by

@@ -8,7 +8,7 @@
 //   RENDITION converts HDR or wide primaries to the screen (player/pipeline/rendition.py); `gain` is a table over the
 //   fourth root of light in shares of `top`.
 // Output: linear RGB, 0..1 (radiance unchanged), one texel per displayed pixel.
-// CPU twin: planes_to_linear in player/pipeline/reference.py.
+// Pass: player/passes/planes_to_linear.py.
 #ifdef LAYOUT_RADIANCE
 uniform sampler2D plane_0, plane_1, plane_2;
 #else

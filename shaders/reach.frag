@@ -6,7 +6,7 @@
 //   `row_blue` (grey_reach in player/maps/mixing.py); `unlimited` is the grey where a primary is not needed.
 //   ABOVE: the output is the light that full drive adds.
 // Output: that grey; alpha 1 inside the mask where every channel is lit, 0 elsewhere.
-// CPU twin: reach_of in player/pipeline/reference.py.
+// Pass: player/passes/reach.py.
 uniform sampler2D seen, ambient;
 uniform usampler2D mask;
 #ifdef MIXED

@@ -3,7 +3,7 @@
 //
 // Inputs: `picture`, linear RGB.
 // Output: matrix · picture.
-// CPU twin: recolour in player/pipeline/reference.py.
+// Pass: player/passes/mixing.py.
 uniform sampler2D picture;
 uniform mat3 matrix;
 

@@ -6,7 +6,7 @@
 //   `step_size`, 0 where no camera pixel is lit, which keeps the pixel dark.
 // Outputs: `next_p`, the drive, 0..1; `next_y`, the point of the next gradient.
 // Defines: SLOPE outputs only `slope`, TᵀW(b − T y) − P y.
-// CPU twin: refinement_step in player/pipeline/reference.py.
+// Pass: player/passes/refinement_step.py.
 uniform sampler2D descent, y, damping, right, down;
 #ifdef SLOPE
 out vec4 slope;

@@ -4,7 +4,7 @@
 //
 // Inputs: `source`, linear RGB, row 0 at the top.
 // Output: linear RGB; black outside the placed interval.
-// CPU twin: resample_axis in player/pipeline/reference.py.
+// Pass: player/passes/resample.py.
 uniform sampler2D source;
 uniform int axis;          // 0: x, 1: y
 uniform float origin;      // where the picture starts along the axis, target pixels

@@ -5,7 +5,7 @@
 //   and their entries are interleaved; `source`, the picture. One index serves the three channels.
 // Defines: GROUP, LANES; those of product.glsl.
 // Output: `target`, output size, one value per row and channel.
-// CPU twin: PreparedRows in player/pipeline/reference.py.
+// Pass: player/passes/product.py.
 #include "lanes.glsl"
 #include "product.glsl"
 

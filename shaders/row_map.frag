@@ -7,7 +7,7 @@
 //   WIDE_INDEX reads the index from a texture of its own; TILED draws only rows whose entries lie in the `lines` lines
 //   from `first_line` on, which this tile of the entries texture holds; those of product.glsl.
 // Output: one value per row and channel, output size.
-// CPU twin: PreparedRows in player/pipeline/reference.py.
+// Pass: player/passes/product.py.
 uniform usampler2D lookup;
 uniform sampler2D entries;
 uniform sampler2D source;

@@ -6,7 +6,7 @@
 //   codes.
 // Defines: GROUP, LANES, SOURCE_WIDTH; COLOURED; those of product.glsl.
 // Output: `target`, output size, one value per row and channel.
-// CPU twin: WordMap.unpacked in player/maps/word_map.py.
+// Pass: player/passes/product.py.
 #include "lanes.glsl"
 
 layout(std430, binding = 0) readonly buffer Rows { uint rows[]; };

@@ -5,7 +5,7 @@
 //   per line; `source`, the picture; `scale`, of the codes.
 // Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; those of product.glsl.
 // Output: one value per row and channel, output size.
-// CPU twin: WordMap.unpacked in player/maps/word_map.py.
+// Pass: player/passes/product.py.
 uniform usampler2D rows, words;
 uniform sampler2D source;
 

@@ -3,7 +3,7 @@
 //
 // Inputs: `left`, `right`, linear RGB of one size.
 // Output: linear RGB of that size.
-// CPU twin: split in player/pipeline/reference.py.
+// Pass: player/passes/shown_maps.py.
 uniform sampler2D left, right;
 uniform float line;        // light of the dividing line
 

@@ -4,7 +4,7 @@
 // Inputs: `picture`; `weights`, of its size.
 // Defines: SQUARED squares the picture first.
 // Output: their product.
-// CPU twin: weighted in player/pipeline/reference.py.
+// Pass: player/passes/certificate.py.
 uniform sampler2D picture, weights;
 
 out vec4 product;

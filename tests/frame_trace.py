@@ -1,15 +1,13 @@
 """Records the passes of a frame in the order in which they run, as docs/architecture.md lists them."""
 
-from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from counterlight.maps.room_maps import CHAINS
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline.cpu_renderer import CpuDevice
+from counterlight.passes.drawing import CHANNELS, Array, Pass
+from counterlight.passes.refinement_step import Ties
+from counterlight.pipeline.cpu_renderer import CpuCanvas, CpuDevice
 from counterlight.pipeline.device import StoredMaps
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
@@ -58,28 +56,38 @@ class RecordedMaps:
         return Map()
 
 
+class RecordedCanvas(CpuCanvas):
+    """Canvas that records the module of each pass."""
+
+    def __init__(self, shape: tuple[int, int], channels: int, noted: list[str]) -> None:
+        super().__init__(shape, channels)
+        self._noted = noted
+
+    def draw(self, made: Pass[Array]) -> Array:
+        self._noted.append(type(made).__module__.rpartition(".")[2])
+        return super().draw(made)
+
+
 class TracingDevice(CpuDevice):
     """CPU device; `noted` lists the passes that have run."""
 
     def __init__(self) -> None:
         self.noted: list[str] = []
 
-    def make_pass(
-        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
-    ) -> Any:
-        return Recorded(super().make_pass(shader, shape, defines, **uniforms), shader, self.noted)
+    def canvas(self, shape: tuple[int, int], channels: int = CHANNELS) -> CpuCanvas:
+        return RecordedCanvas(shape, channels, self.noted)
 
     def store(self, room: Room) -> Any:
         return RecordedMaps(super().store(room), self.noted)
 
     def planes(self, pixels: PixelFormat) -> Any:
-        return Recorded(super().planes(pixels), "planes", self.noted)
+        return Recorded(super().planes(pixels), "planes_to_linear", self.noted)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Any:
         return Recorded(super().encoder(shape, response, scale, dither), "encode", self.noted)
 
-    def stepper(self, shape: tuple[int, int], prior: Mapping[str, NDArray[np.float32]]) -> Any:
-        return Recorded(super().stepper(shape, prior), "step", self.noted)
+    def stepper(self, shape: tuple[int, int], prior: Ties[Array]) -> Any:
+        return Recorded(super().stepper(shape, prior), "refinement_step", self.noted)
 
 
 def trace(room: Room, frame: Any, steps: int) -> list[str]:

@@ -2,19 +2,23 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
 
 import moderngl
 import numpy as np
 
+from counterlight.gl.device import GlDevice
+from counterlight.gl.passes import integer_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
+from counterlight.passes.drawing import Pass
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.device import EVERYWHERE, GpuPath
-from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Snapshot
+from tests.oracles.renderer import ReferenceRenderer
 
 
 @contextmanager
@@ -30,6 +34,28 @@ def both(
         yield renderers
     finally:
         renderers[0].release()
+
+
+def on_gpu(context: moderngl.Context, made: Pass[Any], shape: tuple[int, int]) -> np.ndarray:
+    """Draw a pass over arrays on the GPU: (*shape, 3). Arrays of one dimension are uniforms."""
+    device, textures = GlDevice(context), []
+
+    def uploaded(group: Any) -> Any:
+        values = {field.name: getattr(group, field.name) for field in fields(group)}
+        for name, value in values.items():
+            if is_dataclass(value):
+                values[name] = uploaded(value)
+            elif isinstance(value, np.ndarray) and value.ndim > 1:
+                whole = value.dtype == np.uint32
+                values[name] = integer_texture(context, value) if whole else device.picture(value)
+                textures.append(values[name])
+        return replace(group, **values)
+
+    canvas = device.canvas(shape)
+    result = read(canvas.draw(uploaded(made)))
+    for resource in (canvas, device, *textures):
+        resource.release()
+    return result
 
 
 def read(texture: moderngl.Texture, dtype: type = np.float32) -> np.ndarray:

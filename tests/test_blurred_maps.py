@@ -16,9 +16,8 @@ from counterlight.files.manifest import write_toml
 from counterlight.maps.room_maps import read_maps
 from counterlight.maps.row_map import unpack
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
 from counterlight.tools.acquisition.registration import _without_far
 from counterlight.tools.colour.tiers import tier_of
@@ -30,6 +29,7 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 from tests.blurred_rooms import CAMERA, PROJECTOR, calibrated, discs, far_light, in_blocks, write_room, written_out
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
+from tests.oracles.renderer import ReferenceRenderer
 from tests.programs import fail, succeed
 
 RADIUS = 6.0

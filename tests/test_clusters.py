@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from counterlight.errors import InputError
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.tools.clusters.components import find_clusters, largest_cluster
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, decompose
 from counterlight.tools.clusters.search import decompose_to

@@ -9,11 +9,11 @@ import pytest
 from av.video.reformatter import ColorRange, Colorspace
 
 from counterlight.media.video import Frame, MediaReader
-from counterlight.pipeline import reference
 from counterlight.pipeline.placement import place, shown_shape
 from counterlight.pipeline.signal import signal_of
 from counterlight.response import transfer_table
 from counterlight.tools.shipped import CLIP
+from tests.oracles import formulas
 from tests.rooms import yuv_frame
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,7 +27,7 @@ def code_values(frame: Frame) -> np.ndarray:
     """R'G'B' code values of a frame, 0..255, through the CPU function (tests/gl compares the shader with it)."""
     signal = signal_of(frame.format)
     assert signal is not None
-    linear = reference.planes_to_linear(frame.planes, frame.format, replace(signal, transfer=CODES))
+    linear = formulas.planes_to_linear(frame.planes, frame.format, replace(signal, transfer=CODES))
     return 255 * np.interp(linear, CODES, np.linspace(0, 1, CODES.size))
 
 

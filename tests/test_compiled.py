@@ -14,20 +14,21 @@ from counterlight.files.cube import read_cube
 from counterlight.maps.products import kept
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
-from counterlight.pipeline import compiled
+from counterlight.passes import combine, kernel
+from counterlight.passes.pinned import Pinned
+from counterlight.passes.resample import tents
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.compiled_passes import tents
 from counterlight.pipeline.cpu_renderer import CpuDevice, CpuRenderer
 from counterlight.pipeline.drift import Drift, Moved
-from counterlight.pipeline.reference import resample_axis
-from counterlight.pipeline.reference_renderer import ReferenceDevice, ReferenceRenderer
 from counterlight.pipeline.refinement import STARTS
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import DITHERS, Room
 from counterlight.pipeline.views import VIEWS
 from counterlight.show.compiling import compile_passes
 from tests.coloured_rooms import with_mixing
 from tests.cubes import UNIT, write_cube
+from tests.oracles.formulas import resample_axis
+from tests.oracles.renderer import ReferenceDevice, ReferenceRenderer
 from tests.programs import python
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, MIXED, SEGMENTED, UNLIKE, in_strips, in_two_rows, random_room, rgb_frame, yuv_frame
@@ -38,7 +39,7 @@ PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
 TURN = np.array([[1.004, 0.01, 0.4], [-0.008, 0.997, 0.7], [1e-5, -2e-5, 1]])
 
 
-def opened(renderer: Renderer, frame: Frame, adjustments: Adjustments = NEUTRAL) -> Renderer:
+def opened(renderer: AnyRenderer, frame: Frame, adjustments: Adjustments = NEUTRAL) -> AnyRenderer:
     renderer.open(frame.format)
     renderer.adjust(adjustments)
     renderer.upload(frame)
@@ -186,7 +187,7 @@ def test_a_tent_of_many_samples_leaves_out_what_the_twin_does(rng: np.random.Gen
     """The picture is pinned into a target a hundred times smaller."""
     source, H = rng.uniform(size=(700, 900, 3)), np.array([[100.0, 3, 0], [2, 90, 1], [1e-3, 2e-3, 1]])
     drawn = [
-        device.make_pass("pinned.frag", (7, 9), to_source=tuple(H.T.ravel())).run(source=device.picture(source))
+        device.canvas((7, 9)).draw(Pinned(device.picture(source), tuple(H.T.ravel())))
         for device in (CpuDevice(), ReferenceDevice())
     ]
     np.testing.assert_allclose(*drawn, atol=ATOL)
@@ -218,7 +219,7 @@ def test_no_frame_compiles_anything_once_prepared() -> None:
 import numpy as np
 from counterlight.show.compiling import compile_passes
 compile_passes()  # before anything else imports passes
-from counterlight.pipeline import compiled
+from counterlight.passes import kernel
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.views import VIEWS
@@ -227,9 +228,9 @@ from tests.rooms import yuv_frame
 from pathlib import Path
 from counterlight.files.cube import Cube
 from tests.test_compiled import PINNED
-for kernel, signatures in compiled.KERNELS:
-    kernel.disable_compile()
-    assert len(kernel.signatures) == len(signatures), kernel
+for made, signatures in kernel.dispatchers():
+    made.disable_compile()
+    assert len(made.signatures) == len(signatures), made
 rng = np.random.default_rng(1)
 renderer = CpuRenderer(physical_room(rng).room)
 for depth, transfer in ((8, "srgb"), (10, "hlg")):
@@ -261,23 +262,29 @@ def test_where_nothing_can_be_kept_it_is_compiled_every_time(broken: str) -> Non
 from numba.core import caching
 {broken}
 import numpy as np
-from counterlight.pipeline import compiled
-compiled.KERNELS[:] = [each for each in compiled.KERNELS if each[0].__name__ == "combined"]
-compiled.prepare()
+from counterlight.passes import combine, kernel
+kernel.KERNELS[:] = [each for each in kernel.KERNELS if each()[0] is combine.combined.dispatcher]
+kernel.prepare()
 out, one = np.zeros((2, 6), np.float32), np.ones((2, 6), np.float32)
-compiled.combined(np.float32(2), one, np.float32(3), one, False, out)
+combine.combined(np.float32(2), one, np.float32(3), one, False, out)
 print(out.sum())
 """
     assert python("-c", code).split() == ["60.0"]
 
 
+def of_combined() -> tuple[Any, tuple[str, ...]]:
+    """Return the function and the signatures of one kernel."""
+    ((made, signatures),) = (each for each in kernel.dispatchers() if each[0] is combine.combined.dispatcher)
+    return made.py_func, signatures
+
+
 def test_what_was_prepared_is_what_a_call_finds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Whichever process compiles first, the cache holds one copy."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    ((function, signatures),) = ((made.py_func, each) for made, each in compiled.KERNELS if made is compiled.combined)
+    function, signatures = of_combined()
     early, late = (kept(parallel=True, error_model="numpy")(function) for _ in range(2))
-    monkeypatch.setattr(compiled, "KERNELS", [(early, signatures)])
-    compiled.prepare()
+    monkeypatch.setattr(kernel, "KERNELS", [lambda: (early, signatures)])
+    kernel.prepare()
     picture = np.full((2, 3), 0.25, np.float32)
     late(np.float32(1), picture, np.float32(2), picture, False, out := np.empty_like(picture))
     np.testing.assert_array_equal(out, np.float32(0.75))
@@ -286,13 +293,13 @@ def test_what_was_prepared_is_what_a_call_finds(monkeypatch: pytest.MonkeyPatch,
 
 
 KNOWN = """
-from counterlight.pipeline import compiled
+from counterlight.passes import kernel
 from counterlight.show import compiling
-compiled.prepare = lambda compiling: known.append(len(compiled.KERNELS))
+kernel.prepare = lambda compiling: known.append(len(kernel.KERNELS))
 known = []
 compiling.compile_passes()
 import counterlight.pipeline.cpu_renderer
-print(known == [len(compiled.KERNELS)])
+print(known == [len(kernel.KERNELS)])
 """
 
 
@@ -308,11 +315,11 @@ def test_compiling_is_said_only_where_something_is_compiled(
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     if kept_in is None:
         monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
-    (signatures,) = (each for made, each in compiled.KERNELS if made is compiled.combined)
+    function, signatures = of_combined()
     said = []
     for _ in range(2):  # stands for two processes
-        made = kept(parallel=True, error_model="numpy")(compiled.combined.py_func)
-        monkeypatch.setattr(compiled, "KERNELS", [(made, signatures)])
+        made = kept(parallel=True, error_model="numpy")(function)
+        monkeypatch.setattr(kernel, "KERNELS", [lambda made=made: (made, signatures)])
         compile_passes()
         said.append(capsys.readouterr().out)
     assert re.fullmatch(f"compiling for this processor, {how}.*: 1 passes left\n", said[0])

@@ -11,9 +11,9 @@ from colour.algebra import table_interpolation_tetrahedral
 from counterlight.errors import InputError
 from counterlight.files.cube import MAX_BYTES, Cube, read_cube
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.reference import planes_to_linear, tetrahedral
 from counterlight.pipeline.signal import signal_of
 from tests.cubes import write_cube
+from tests.oracles.formulas import planes_to_linear, tetrahedral
 from tests.programs import fail
 from tests.rooms import rgb_frame, yuv_frame
 

@@ -17,7 +17,6 @@ from counterlight.pipeline.drift import (
     LEAST_SHARE,
     Drift,
     Moved,
-    moved,
     read_drift,
     resampled,
     sampled,
@@ -110,7 +109,7 @@ def test_shares_that_are_none_are_refused(room: StoredCalibration, light: float,
 
 def test_a_whole_pixel_is_moved_exactly_and_each_projector_within_its_own_picture(rng: np.random.Generator) -> None:
     drive = rng.uniform(0, 1, (7, 24, 3))
-    shown = moved(drive, Drift((moved_by(2, -1), Moved.nothing())).table(REGIONS))
+    shown = Drift((moved_by(2, -1), Moved.nothing())).shown(drive, REGIONS)
     expected = np.zeros_like(drive)
     expected[1:, :11] = drive[:-1, 2:13]
     expected[1:, 11], expected[1:, 12] = drive[:-1, 11], 0.75 * drive[:-1, 10]  # outside, a fading mirror image
@@ -120,7 +119,7 @@ def test_a_whole_pixel_is_moved_exactly_and_each_projector_within_its_own_pictur
 
 
 def test_beyond_the_border_it_goes_on_for_a_pixel_and_fades_over_two_and_what_lands_there_is_lost() -> None:
-    shown = moved(np.ones((7, 24, 3)), Drift((moved_by(3.75, 0), moved_by(0, 0))).table(REGIONS))
+    shown = Drift((moved_by(3.75, 0), moved_by(0, 0))).shown(np.ones((7, 24, 3)), REGIONS)
     np.testing.assert_allclose(shown[3, 8:13, 0], [1, 1, 0.875, 0.375, 0], atol=1e-6)
     np.testing.assert_allclose(resampled(np.ones((7, 13, 3)), moved_by(0.25, 0).to_raster)[3, 11:, 0], [1, 0.75])
 
@@ -136,7 +135,7 @@ def test_between_pixels_cubics_are_exact_and_beyond_the_border_is_a_mirror() -> 
 
 def test_light_that_clips_is_full_drive_and_a_dimmed_lamp_is_asked_for_more() -> None:
     drive = np.full((7, 24, 3), 0.6)
-    shown = moved(drive, Drift((moved_by(0, 0, 0.8), moved_by(0, 0, 0.5))).table(REGIONS))
+    shown = Drift((moved_by(0, 0, 0.8), moved_by(0, 0, 0.5))).shown(drive, REGIONS)
     np.testing.assert_allclose(shown[:5, [0, 20], 0], [[0.75, 1]] * 5, rtol=1e-6)
 
 

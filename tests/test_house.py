@@ -25,11 +25,7 @@ TIMEOUT_S = 120.0  # a command's imports on a busy machine
 
 # Their modules import Numba, which imports scipy; no other module imports it before it multiplies.
 COMPILED = tuple(
-    f"counterlight.{name}"
-    for name in (
-        *("maps.products", "maps.word_runs", "pipeline.compiled", "pipeline.cpu_renderer"),
-        *("pipeline.squares", "pipeline.survey", "gl.computed"),
-    )
+    f"counterlight.{name}" for name in (*("maps.products", "maps.word_runs", "pipeline.squares", "pipeline.survey"),)
 )
 HEAVY = {"scipy", "numba", "moderngl", "glcontext", "glfw"}
 LOADED = "print(*(name for name in sys.modules if name.split('.')[0] in HEAVY or name.startswith(FOREIGN)))"
@@ -94,7 +90,7 @@ def test_the_player_with_opengl_imports_no_numba() -> None:
     assert python("-c", code).split() == ["True", "False"]
 
 
-@pytest.mark.parametrize("module", ["maps.row_map", "pipeline.reference", "calibration", "media.video", "app"])
+@pytest.mark.parametrize("module", ["maps.row_map", "pipeline.renderer", "calibration", "media.video", "app"])
 def test_each_module_of_the_player_alone_needs_no_opengl(module: str) -> None:
     assert loaded_by(f"counterlight.{module}") == []
 
@@ -142,13 +138,14 @@ ROOMS = {  # folders of the player, and the folders that each may import
     "calibration": "arrays errors files raster response screen viewpoints writing",
     "maps": "arrays calibration errors files memory plots writing",
     "media": "errors files writing",
-    "pipeline": "arrays calibration errors files maps media raster response screen viewpoints writing",
+    "passes": "files maps media response",
+    "pipeline": "arrays calibration errors files maps media passes raster response screen viewpoints writing",
     "overlay": "maps pipeline screen",
     "unattended": "command errors",
     "remote": "command errors unattended",
-    "gl": "calibration command errors maps media overlay pipeline raster response unattended",
-    "show": "calibration command errors files gl jobs maps media memory overlay pipeline raster remote unattended "
-    "viewpoints writing",
+    "gl": "calibration command errors maps media overlay passes pipeline raster response unattended",
+    "show": "calibration command errors files gl jobs maps media memory overlay passes pipeline raster remote "
+    "unattended viewpoints writing",
     "app": "calibration command errors gl jobs media overlay pipeline show unattended writing",
 }
 
@@ -169,6 +166,7 @@ TOOL_ROOMS = {  # folders of the tools, and the folders that each may import
     "acquisition": "clusters colour factoring hdr inverse joining simulation solve transport",
     "report": "acquisition clusters colour inverse relighting solve transport ways",
     "exports": "inverse transport",
+    "pairs": "hdr transport",
     "study": "acquisition clusters colour inverse joining relighting report simulation solve transport",
 }
 

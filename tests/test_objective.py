@@ -9,8 +9,8 @@ from scipy import sparse
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.maps.mixing import Mixing
+from counterlight.maps.prior import pull
 from counterlight.pipeline.content import reachable_white
-from counterlight.pipeline.reference import pull
 from counterlight.response import Response
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.inverse.build import build_maps

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from counterlight.calibration import Calibration
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.tools.transport import overlap as overlaps
 from counterlight.tools.transport.objective import ObjectiveOptions, objective_of
 from counterlight.tools.transport.overlap import overlap

@@ -9,21 +9,23 @@ import pytest
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps
-from counterlight.maps.row_map import SparseRows, pack
+from counterlight.maps.row_map import PreparedRows, SparseRows, pack
 from counterlight.media.video import Frame
-from counterlight.pipeline import encoding, reference, views
-from counterlight.pipeline.adaptation import Limits, tone_of
+from counterlight.passes.adaptation import SCALES, Limits, tile_grid
+from counterlight.passes.colour import decoding_of
+from counterlight.passes.shown_maps import ErrorMap
+from counterlight.pipeline import views
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
-from counterlight.pipeline.colour import decoding_of
-from counterlight.pipeline.content import SCALES, SMOOTHING_S, Succession, tile_grid
-from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference import PreparedRows, reach_of
+from counterlight.pipeline.content import SMOOTHING_S, Succession
+from counterlight.pipeline.cpu_renderer import CpuCanvas, CpuRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import CARDS, card
 from counterlight.pipeline.views import VIEWS
 from counterlight.response import Response, transfer_table
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.report.impossible import REASONS, SERVED, find_impossible
+from tests.oracles import encoding
+from tests.oracles.adaptation import tone_of
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, rgb_frame, yuv_frame
 
@@ -169,7 +171,7 @@ def test_adaptation_keeps_its_promise_and_no_more_than_it_must(rng: np.random.Ge
     """The clipped light, summed independently, is within the share. One step brighter, it exceeds the share."""
     shape, white = (40, 50), 0.8
     ambient, light = rng.uniform(0, 0.1, (*shape, 3)), rng.uniform(0.5, 1, (*shape, 3))
-    most = reach_of(light, np.zeros_like(light), rng.uniform(size=shape) < 0.8)
+    most = np.dstack([light, rng.uniform(size=shape) < 0.8])
     inside = most[..., 3] > 0
 
     def far_light(b: np.ndarray) -> np.ndarray:
@@ -274,7 +276,8 @@ def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:
     seen[0, :6, 0] += white * errors / 2  # another channel with a smaller error
     reach = np.ones((1, 7, 4))
     reach[0, 6, 3] = 0
-    light = reference.error_map(seen, ambient, b, reach, white) / white
+    colours = views.error_colours()[None], white, views.ERROR_SPAN, views.UNCOUNTED
+    light = CpuCanvas((1, 7)).draw(ErrorMap(seen, b, ambient, reach, *colours)) / white
     codes = encoding.encode(light, Response("srgb").inverse_table())
     between = [(np.array(end) + views.RIGHT) / 2 for end in (views.TOO_DARK, views.TOO_BRIGHT)]
     expected = [views.TOO_DARK, views.TOO_DARK, between[0], views.RIGHT, between[1], views.TOO_BRIGHT, views.UNLIT]

@@ -8,9 +8,9 @@ import pytest
 
 from counterlight import calibration
 from counterlight.errors import InputError
-from counterlight.pipeline import reference
 from counterlight.pipeline.placement import FILE, corners_of, fit, homography, read_placement, write_placement
-from counterlight.pipeline.reference import pinned
+from tests.oracles import formulas
+from tests.oracles.formulas import pinned
 from tests.rooms import write_blurred_room
 
 
@@ -20,7 +20,7 @@ def test_upright_corners_place_a_picture_as_fitting_does(rng: np.random.Generato
         target = (20, 33)
         spot = fit(size, 1.0, target)
         H = homography(corners_of(spot, target), target, size)
-        expected = reference.resample(picture, target, (spot.left, spot.top, spot.width, spot.height))
+        expected = formulas.resample(picture, target, (spot.left, spot.top, spot.width, spot.height))
         np.testing.assert_allclose(pinned(picture, target, H), expected, atol=1e-9)
 
 

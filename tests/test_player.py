@@ -19,7 +19,7 @@ from counterlight.files import exr
 from counterlight.gl.context import in_software
 from counterlight.maps import room_maps as maps
 from counterlight.pipeline.operators import drive_of
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import read_room
 from counterlight.show import output
 from counterlight.tools import build_correction_map
@@ -386,7 +386,7 @@ def test_a_sequence_is_replaced_as_a_whole_or_not_at_all(
     arguments = [str(room), str(CLIP), "--frames", "3", "--output", str(tmp_path / "f%03d.png")]
     writing = output.write_picture
 
-    def interrupted(path: Path, renderer: Renderer) -> None:
+    def interrupted(path: Path, renderer: AnyRenderer) -> None:
         if path.name == "f002.png":
             raise KeyboardInterrupt
         writing(path, renderer)

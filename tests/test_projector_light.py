@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.arrays import FloatArray
-from counterlight.pipeline.encoding import encoded_drive
+from counterlight.passes.encode import encoded
 from counterlight.response import Response
 from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition import store
@@ -154,7 +154,7 @@ def test_a_white_segment_is_measured_and_taken_out(rng: np.random.Generator, mix
     ratio = done.measured.transport.composition().sum() / wall.composition().sum()
     assert ratio == pytest.approx((1 - BLACK) / 1.5, rel=0.01)
     drive = rng.random((16, 64, 3))
-    codes = encoded_drive(drive, response.over(drive.shape[:2]))
+    codes = encoded(drive, response.over(drive.shape[:2]))
     shown = 1.5 * with_white_segment(codes.reshape(-1, 3) / 255).reshape(drive.shape)
     assert np.abs(shown - drive).mean() < 0.004  # half a code is 0.2 % of white, and s is known equally well
     assert np.abs(shown - drive).max() < 0.02

@@ -15,7 +15,6 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.exr import write_rgb
 from counterlight.files.reading import read_toml
-from counterlight.pipeline.encoding import encode
 from counterlight.response import Response, named_response, projector_response
 from counterlight.tools.acquisition.captures import find_captures
 from counterlight.tools.acquisition.graycode import Decoded, decode
@@ -26,6 +25,7 @@ from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import channel
 from tests.brackets import CURVES, write_picture
+from tests.oracles.encoding import encode
 from tests.programs import ROOT
 
 LEVELS = np.arange(0, 256, 5) / 255

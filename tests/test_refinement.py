@@ -13,11 +13,11 @@ from counterlight.maps import room_maps as maps
 from counterlight.maps.chain import Chain
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
+from counterlight.maps.row_map import PreparedRows
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline.content import CUT, SceneCuts
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import (
     LARGEST_MOMENTUM,
     OVER_RELAXATION,

@@ -5,9 +5,10 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.files.tables import Table
-from counterlight.pipeline.encoding import encode, encoded_drive
+from counterlight.passes.encode import encoded
 from counterlight.raster import side_by_side
 from counterlight.response import RasterResponse, parse_response, read_response, transfer_table
+from tests.oracles.encoding import encode
 
 
 @pytest.mark.parametrize("value", ["linear", "srgb", 0.6, 1.0, 1.8, 2.2, 2.4, "2.2", [[0.0], [0.1], [0.5], [1.0]]])
@@ -35,7 +36,7 @@ def test_what_a_white_segment_adds_is_taken_out(rng: np.random.Generator, sample
     response = read_response(table)
     levels = np.linspace(0, 1, len(samples))
     wanted = rng.uniform(size=(40, 30, 3)) ** np.array([1, 2, 3])
-    codes = encoded_drive(wanted, response.over((40, 30))) / 255
+    codes = encoded(wanted, response.over((40, 30))) / 255
     darkest = codes.min(axis=2)
     shown = codes + np.stack([np.interp(darkest, levels, column) for column in np.transpose(samples)], axis=2)
     assert np.abs(shown - wanted).max() < 2.5 / 255  # half a code, and its effect on the segment
@@ -73,7 +74,7 @@ def test_a_raster_is_encoded_and_read_back_projector_by_projector(
     shape, regions = side_by_side(((6, 3), (4, 5), (5, 2), (6, 4)))
     raster = RasterResponse(responses, regions, colours)
     drive = rng.uniform(size=(*shape, 3))
-    codes = encoded_drive(drive, raster)
+    codes = encoded(drive, raster)
     for number, (response, region) in enumerate(zip(responses, regions, strict=True)):
         own = region.part
         D = np.array(colours[number]) if mixed and number % 2 else np.eye(3)

@@ -5,11 +5,12 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.overlay.outline import outline_on
+from counterlight.passes.pinned import OnScreen, Pinned
 from counterlight.pipeline.cpu_renderer import CpuDevice
 from counterlight.pipeline.placement import Corners, homography
-from counterlight.pipeline.reference import MOST_TAPS, pinned
-from counterlight.pipeline.reference_renderer import ReferenceDevice
 from counterlight.screen import Screen
+from tests.oracles.formulas import pinned
+from tests.oracles.renderer import ReferenceDevice
 from tests.screens_of_cameras import split_screen
 
 CAMERA, TOP = (30, 40), 17
@@ -54,10 +55,9 @@ def test_compiled_passes_place_as_their_twin(rng: np.random.Generator, screen: S
     H = homography(((0.1, 0.05), (0.95, 0.1), (0.9, 0.9), (0.0, 0.8)), screen.shape, size)
     drawn = []
     for device in (CpuDevice(), ReferenceDevice()):
-        defines = {"MOST_TAPS": MOST_TAPS, "SCREEN": None}
-        made = device.make_pass("pinned.frag", CAMERA, defines, to_source=tuple(H.T.ravel()))
-        across, down = (device.picture(axis) for axis in screen.axes)
-        drawn.append(made.run(source=device.picture(source), across=across, down=down))
+        on_screen = OnScreen(*(device.picture(axis) for axis in screen.axes))
+        made = Pinned(device.picture(source), tuple(H.T.ravel()), on_screen)
+        drawn.append(device.canvas(CAMERA).draw(made))
     np.testing.assert_allclose(*drawn, atol=1e-5)  # float32 weights and sums
 
 

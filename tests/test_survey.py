@@ -10,7 +10,6 @@ from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RefinementMaps
 from counterlight.pipeline import survey as surveys
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.pipeline.squares import MOST_STEPS, TO_THE_END, descend, seen_change, square_of, unweighted
@@ -20,6 +19,7 @@ from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, objective_of
 from counterlight.tools.transport.storage import read_transport
+from tests.oracles.renderer import ReferenceRenderer
 from tests.refined_rooms import physical_room
 from tests.renderers import drawn
 from tests.rooms import write_blurred_room

@@ -1,79 +1,72 @@
-"""Every shader names its CPU twin. The twin exists, and the reference renderer runs it."""
+"""Every shader belongs to a pass, and a pass names the inputs of its shader."""
 
+import importlib
 import re
-from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
-import numpy as np
 import pytest
 
-from counterlight.media.frames import radiance_frame
-from counterlight.pipeline import adaptation, encoding, reference, reference_renderer
-from counterlight.pipeline.adjustments import Adjustments
-from counterlight.pipeline.reference_renderer import ReferenceRenderer
-from counterlight.pipeline.views import VIEWS
-from tests.coloured_rooms import with_mixing
-from tests.refined_rooms import physical_room
-from tests.rooms import CAMERA, yuv_frame
-from tests.viewed_rooms import as_set, two_views
+from counterlight.gl.shaders import read_source
+from counterlight.passes.drawing import Pass
 
 ROOT = Path(__file__).resolve().parents[1]
-TWIN = re.compile(r"^// CPU twin: ([\w.]+) in ([\w/]+\.py)\.$", re.MULTILINE)
+MODULE = re.compile(r"^// Pass: player/([\w/]+)\.py\.$", re.MULTILINE)
 WITHOUT = {"present.frag"}  # composites picture and page onto the window; other tests compare its pixels on the screen
-PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
+UNIFORMS = re.compile(r"^uniform \w+ ([\w, ]+)", re.MULTILINE)
 
 
-def named() -> dict[str, tuple[str, str]]:
-    """Return shader -> twin and the twin's file."""
+def modules() -> dict[str, str]:
+    """Return shader -> import name of the pass' module."""
     shaders = [path for path in sorted((ROOT / "shaders").iterdir()) if path.suffix in (".frag", ".comp")]
-    found = {path.name: TWIN.search(path.read_text()) for path in shaders if path.name not in WITHOUT}
+    found = {path.name: MODULE.search(path.read_text()) for path in shaders if path.name not in WITHOUT}
     assert [name for name, match in found.items() if match is None] == []
-    return {name: (match[1], match[2]) for name, match in found.items() if match is not None}
+    return {name: "counterlight." + match[1].replace("/", ".") for name, match in found.items() if match is not None}
 
 
-def test_every_shader_but_the_window_s_names_a_twin_that_is_there() -> None:
-    for shader, (twin, file) in named().items():
-        defined = (ROOT / file).read_text()
-        assert re.search(rf"^ *(def|class) {twin.rpartition('.')[2]}\b", defined, re.MULTILINE), f"{shader}: {twin}"
+def test_every_shader_but_the_window_s_names_the_module_of_its_pass() -> None:
+    named = modules()
+    for shader, module in named.items():
+        text = (ROOT / "player" / Path(*module.split(".")[1:]).with_suffix(".py")).read_text()
+        assert shader in text, f"{shader}: {module} does not name it"
+    drawn = {each.shader for each in PASSES}
+    assert drawn <= named.keys()
+    assert len(drawn) > 15
 
 
-def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    ran: set[str] = set()
+def passes() -> list[type[Pass[Any]]]:
+    for module in set(modules().values()):
+        importlib.import_module(module)
+    return sorted(Pass.__subclasses__(), key=lambda each: each.__name__)
 
-    def watched(name: str, twin: Callable[..., Any]) -> Callable[..., Any]:
-        def run(*arguments: Any, **words: Any) -> Any:
-            ran.add(name)
-            return twin(*arguments, **words)
 
-        return run
+PASSES = passes()
 
-    homes = {
-        f"player/pipeline/{home.__name__.rpartition('.')[2]}.py": home for home in (adaptation, encoding, reference)
-    }
-    twins = {twin: homes[file] for twin, file in named().values() if file in homes}
-    for name in twins.keys() - {"PreparedRows"}:
-        original = getattr(twins[name], name)
-        monkeypatch.setattr(twins[name], name, watched(name, original))
-        for shader, drawn in reference_renderer.TWINS.items():
-            if drawn is original:
-                monkeypatch.setitem(reference_renderer.TWINS, shader, watched(name, original))
-    monkeypatch.setattr(reference_renderer, "PreparedRows", watched("PreparedRows", reference.PreparedRows))
-    frame, radiance = yuv_frame(rng, (9, 15)), radiance_frame(rng.uniform(size=(*CAMERA, 3)).astype(np.float32))
-    mixing = ReferenceRenderer(with_mixing(physical_room(rng).room, rng))
-    mixing.open(radiance.format)
-    mixing.upload(radiance)
-    mixing.render("camera", compensate=True)
-    between = ReferenceRenderer(as_set(two_views()))
-    between.open(frame.format)
-    between.upload(frame)
-    between.render("projector", compensate=True, steps=1)
-    renderer = ReferenceRenderer(physical_room(rng).room)
-    renderer.open(frame.format)
-    for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
-        renderer.adjust(adjustments)
-        for view in VIEWS:
-            renderer.upload(frame)
-            renderer.render(view, compensate=True, steps=1)
-            renderer.certificate()
-    assert twins.keys() - ran == set()
+
+def inputs(kind: Any) -> set[str]:
+    """Return the names of a pass' pictures and numbers, without the defines."""
+    found = set[str]()
+    hints = get_type_hints(kind)
+    for field in fields(kind):
+        hint = hints[field.name]
+        groups = [each for each in (hint, *get_args(hint)) if is_dataclass(getattr(each, "__origin__", each))]
+        if groups:
+            found |= inputs(getattr(groups[0], "__origin__", groups[0]))
+        elif hint is not bool:
+            found.add(field.name)
+    return found
+
+
+@pytest.mark.parametrize("made", PASSES)
+def test_a_pass_has_the_inputs_of_its_shader_and_a_cpu_function(made: type[Pass[Any]]) -> None:
+    source = read_source(made.shader)
+    named = {name.strip() for names in UNIFORMS.findall(source) for name in names.split(",")}
+    own = inputs(made)
+    if "SLOPE" in made.defines:
+        assert own < named
+    else:
+        assert own == named
+    for define in (field.name.upper() for field in fields(made) if field.type is bool):
+        assert f"#ifdef {define}" in source
+    assert "fill" in vars(made) or "fill_both" in vars(made)

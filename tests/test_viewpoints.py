@@ -16,12 +16,12 @@ from counterlight.maps.room_maps import RefinementMaps
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.views_together import with_shared_darkness
 from counterlight.show.control import ControlServer
 from counterlight.show.registry import CommandError
 from counterlight.viewpoints import Places, Viewpoint
+from tests.oracles.renderer import ReferenceRenderer
 from tests.refined_rooms import PhysicalRoom
 from tests.rooms import CAMERA
 from tests.stage import Stage

@@ -66,11 +66,14 @@ class Kernels:
         from numba.core.dispatcher import Dispatcher
         from numba.np.ufunc import parallel
 
+        from counterlight.passes.kernel import dispatchers
+
         parallel._backend_init_process_lock = (
             contextlib.nullcontext()
         )  # a copy that is killed must hold no lock of others
         modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == PRODUCT]
         found = {id(each): each for module in modules for each in _flat(vars(module).values())}
+        found |= {id(each): each for each, _ in dispatchers()}
         self._functions: list[Any] = [
             each for each in found.values() if isinstance(each, Dispatcher) and each.stats.cache_path
         ]
@@ -80,7 +83,7 @@ class Kernels:
     def load(self) -> None:
         """Load what other processes have compiled since the last call."""
         for function in self._functions:
-            file = function._cache._cache_file
+            file = getattr(function, "_cache")._cache_file  # noqa: B009
             index = Path(file._index_path)
             with contextlib.suppress(OSError):
                 if self._known.get(index) != (changed := index.stat().st_mtime_ns):

@@ -8,7 +8,7 @@ import numpy as np
 
 from counterlight.media.frames import Frame, radiance_frame
 from counterlight.memory import available_bytes
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.show.headless import headless_renderer
 
@@ -29,7 +29,7 @@ def frames_per_second(room: Room, steps: Sequence[int]) -> list[float]:
         return [1 / median(draw_seconds(renderer, frame, count) for _ in range(TIMED_FRAMES)) for count in steps]
 
 
-def draw_seconds(renderer: Renderer, frame: Frame, steps: int) -> float:
+def draw_seconds(renderer: AnyRenderer, frame: Frame, steps: int) -> float:
     """Returns the seconds from a decoded frame to the projector picture."""
     start = time.perf_counter()
     renderer.upload(frame)

@@ -1,8 +1,7 @@
 """OpenGL: the only importer of moderngl and glfw.
 
-Holds the passes (one object each, built once, released by its maker), the device that makes them, and the window.
-OpenGL's flipped rows exist only here. Every shader in `shaders/` has a CPU function in player/pipeline/reference.py.
-Read next: device.py.
+Holds the device, which draws the passes of counterlight.passes with their shaders, and the window. OpenGL's flipped
+rows exist only here. Whoever makes a texture, canvas or pass releases it. Read next: device.py.
 """
 
 import os as _os

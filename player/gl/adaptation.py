@@ -3,16 +3,18 @@
 Sums over the camera's view are computed in tiles and then added; nothing is read back.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import moderngl
 import numpy as np
 
-from counterlight.gl.passes import Pass, Uniform, float_texture, picture_texture, table_texture
-from counterlight.pipeline.content import OFFSETS, SCALES, TILES, Succession, approach, tile_grid
+from counterlight.gl.passes import Canvas, ShaderPass, Uniform, float_texture, picture_texture, table_texture
+from counterlight.passes.adaptation import CHOICE_SHADER, OFFSETS, PERCENT, SCALES, SUMS_SHADER, TILES, tile_grid
+from counterlight.passes.certificate import BlockSum
+from counterlight.passes.combine import Combine
+from counterlight.passes.desired import Desired, Tone
+from counterlight.pipeline.content import Succession, approach
 from counterlight.pipeline.device import NearLight, Owner
-
-PERCENT = 0.01
 
 
 class Adapter:
@@ -25,7 +27,8 @@ class Adapter:
     def __init__(
         self,
         context: moderngl.Context,
-        near_light: NearLight,
+        canvas: Callable[[tuple[int, int]], Canvas],
+        near_light: NearLight[moderngl.Texture],
         ambient: moderngl.Texture,
         most: moderngl.Texture,
         white: float,
@@ -34,18 +37,17 @@ class Adapter:
         own, shape = self._owner.own, (ambient.height, ambient.width)
         self._no_tone = own(picture_texture(context, np.array([[[1, 0, 0]]], np.float32)))
         self._black = own(picture_texture(context, np.zeros((*shape, 3), np.float32)))
-        self._shares = own(Pass(context, "desired.frag", float_texture(context, shape), {"TONE": None}, white=1.0))
+        self._shares = own(canvas(shape))
         ones = own(picture_texture(context, np.ones((*shape, 3), np.float32)))
         limits = {"ambient": ambient, "most": most}
         for name, light in (("near_white", ones), ("near_ambient", ambient)):
-            kept = own(Pass(context, "combine.frag", float_texture(context, shape), factor=0.0))
-            limits[name] = kept.run(first=near_light(light), second=self._black)
+            limits[name] = own(canvas(shape)).draw(Combine(near_light(light), self._black, 0.0))
         self._offset_sums, self._scale_sums = (
-            own(_Sums(context, shape, limits, white, each)) for each in ("OFFSETS", "SCALES")
+            own(_Sums(context, canvas, shape, limits, white, each)) for each in ("OFFSETS", "SCALES")
         )
-        self._offset = own(Pass(context, "choose.frag", float_texture(context, (1, 1))))
+        self._offset = own(ShaderPass(context, CHOICE_SHADER, float_texture(context, (1, 1))))
         self._before, self._now = (
-            own(Pass(context, "choose.frag", float_texture(context, (1, 1)), {"SCALES": None})) for _ in range(2)
+            own(ShaderPass(context, CHOICE_SHADER, float_texture(context, (1, 1)), {"SCALES": None})) for _ in range(2)
         )
         self._before.clear()
 
@@ -56,7 +58,7 @@ class Adapter:
         unit : share of white that a picture's 1 stands for.
         black_level : share of white that black asks for.
         """
-        self._shares.set(unit=unit, black_level=black_level)
+        self._tone = Tone(self._no_tone, unit, black_level)
         self._offset_sums.set(budget=adapt * PERCENT / 2)
         self._scale_sums.set(budget=adapt * PERCENT)
         self._succession.restart()
@@ -66,7 +68,7 @@ class Adapter:
             self._before, self._now = self._now, self._before
 
     def run(self, placed: moderngl.Texture) -> moderngl.Texture:
-        u = self._shares.run(picture=placed, ambient=self._black, tone=self._no_tone)
+        u = self._shares.draw(Desired(placed, self._black, 1.0, self._tone))
         near = self._near_light(u)
         offset = self._offset.run(sums=self._offset_sums.run(u, near), candidates=self._offset_sums.candidates)
         sums = self._scale_sums.run(u, near, tone=offset)
@@ -84,6 +86,7 @@ class _Sums:
     def __init__(
         self,
         context: moderngl.Context,
+        canvas: Callable[[tuple[int, int]], Canvas],
         shape: tuple[int, int],
         limits: Mapping[str, moderngl.Texture],
         white: float,
@@ -97,15 +100,15 @@ class _Sums:
         tile, stride = tile_grid(shape)
         tiles = float_texture(context, (4 * TILES, TILES))
         uniforms: dict[str, Uniform] = {"tile": tile[::-1], "stride": stride[::-1], "white": white}
-        self._tiles = own(Pass(context, "clip_sums.frag", tiles, defines, **uniforms))
-        self._all = own(Pass(context, "block_sum.frag", float_texture(context, (4, 1)), {"SIDE": TILES}))
+        self._tiles = own(ShaderPass(context, SUMS_SHADER, tiles, defines, **uniforms))
+        self._all = own(canvas((4, 1)))
 
     def set(self, *, budget: float) -> None:
         self._tiles.set(budget=budget)
 
     def run(self, u: moderngl.Texture, near: moderngl.Texture, **tone: moderngl.Texture) -> moderngl.Texture:
         tiles = self._tiles.run(picture=u, near=near, candidates=self.candidates, **self._limits, **tone)
-        return self._all.run(source=tiles)
+        return self._all.draw(BlockSum(tiles, TILES))
 
     def release(self) -> None:
         self._owner.release()

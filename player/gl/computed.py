@@ -4,11 +4,12 @@ import moderngl
 import numpy as np
 
 from counterlight.gl.renderer import WindowRenderer
+from counterlight.passes.drawing import Array
 from counterlight.pipeline.cpu_renderer import CpuDevice
 from counterlight.pipeline.room import Room
 
 
-class ComputedRenderer(WindowRenderer):
+class ComputedRenderer(WindowRenderer[Array]):
     """Renders 8-bit code values, whatever the window's depth."""
 
     def __init__(self, context: moderngl.Context, room: Room) -> None:

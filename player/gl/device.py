@@ -1,6 +1,6 @@
 """The pipeline's device for OpenGL; see counterlight.pipeline.device."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import moderngl
@@ -8,10 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.gl.adaptation import Adapter
-from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture
+from counterlight.gl.passes import (
+    Canvas,
+    Programs,
+    ShaderPass,
+    float_texture,
+    integer_texture,
+    picture_texture,
+)
 from counterlight.gl.paths import GlMaps, store_maps
 from counterlight.gl.planes import Planes
 from counterlight.media.frames import PixelFormat
+from counterlight.passes import encode
+from counterlight.passes.certificate import BlockSum
+from counterlight.passes.drawing import CHANNELS
+from counterlight.passes.refinement_step import Step, Ties
 from counterlight.pipeline.device import EVERYWHERE, GpuPath, NearLight, Owner
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.room import Room
@@ -29,7 +40,7 @@ class GlDevice:
     """
 
     def __init__(self, context: moderngl.Context, path: GpuPath = EVERYWHERE, bits: int = 8) -> None:
-        self._context, self._path, self._bits = context, path, bits
+        self._context, self._path, self._bits, self._programs = context, path, bits, Programs(context)
 
     def picture(self, picture: NDArray[np.floating]) -> moderngl.Texture:
         return picture_texture(self._context, picture.astype(np.float32, copy=False))
@@ -40,11 +51,9 @@ class GlDevice:
     def mask(self, mask: NDArray[np.bool_]) -> moderngl.Texture:
         return integer_texture(self._context, mask.astype(np.uint32))
 
-    def make_pass(
-        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
-    ) -> Pass:
-        values = {name: tuple(v) if isinstance(v, np.ndarray) else v for name, v in uniforms.items()}
-        return Pass(self._context, shader, float_texture(self._context, shape), defines, **values)
+    def canvas(self, shape: tuple[int, int], channels: int = CHANNELS) -> Canvas:
+        """Return a canvas; textures always have four channels."""
+        return Canvas(self._context, self._programs, float_texture(self._context, shape))
 
     def store(self, room: Room) -> GlMaps:
         return store_maps(self._context, room, self._path)
@@ -53,18 +62,19 @@ class GlDevice:
         return Planes(self._context, pixels)
 
     def adapter(
-        self, near_light: NearLight, ambient: moderngl.Texture, most: moderngl.Texture, white: float
+        self, near_light: NearLight[moderngl.Texture], ambient: moderngl.Texture, most: moderngl.Texture, white: float
     ) -> Adapter:
-        return Adapter(self._context, near_light, ambient, most, white)
+        return Adapter(self._context, self.canvas, near_light, ambient, most, white)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> "_Encoder":
         return _Encoder(self._context, shape, response, scale, dither, self._bits)
 
-    def stepper(self, shape: tuple[int, int], prior: Mapping[str, moderngl.Texture]) -> "_Stepper":
-        return _Stepper(self._context, shape, prior)
+    def stepper(self, shape: tuple[int, int], prior: Ties[moderngl.Texture]) -> "_Stepper":
+        pairs = ([float_texture(self._context, shape) for _ in range(2)] for _ in range(2))
+        return _Stepper([Canvas(self._context, self._programs, *pair) for pair in pairs], prior)
 
     def total(self, shape: tuple[int, int]) -> "_Total":
-        return _Total(self._context, shape)
+        return _Total(self, shape)
 
     def read(self, light: moderngl.Texture, dtype: type) -> NDArray[Any]:
         width, height = light.size
@@ -72,6 +82,10 @@ class GlDevice:
 
     def finish(self) -> None:
         self._context.finish()
+
+    def release(self) -> None:
+        """Release the programs; the caller's pictures stay."""
+        self._programs.release()
 
 
 class _Encoder:
@@ -103,7 +117,7 @@ class _Encoder:
                 defines["SEGMENT"] = None
                 self._inputs["segments"] = own(picture_texture(context, segments.reshape(-1, *segments.shape[2:])))
             target = context.texture((shape[1], shape[0]), 4, dtype="f1", internal_format=CODES[bits])
-            self._pass = own(Pass(context, "encode.frag", target, defines, scale=scale, highest=2**bits - 1))
+            self._pass = own(ShaderPass(context, encode.SHADER, target, defines, scale=scale, highest=2**bits - 1))
         except BaseException:
             self.release()
             raise
@@ -118,23 +132,10 @@ class _Encoder:
 
 
 class _Stepper:
-    """The pass refinement_step.frag, alternating between two pairs of targets."""
+    """The pass refinement_step, alternating between two pairs of pictures."""
 
-    def __init__(
-        self,
-        context: moderngl.Context,
-        shape: tuple[int, int],
-        prior: Mapping[str, moderngl.Texture],
-    ) -> None:
-        self._owner, self._prior = Owner(), prior
-        own = self._owner.own
-        try:
-            uniforms = {"over_relaxation": OVER_RELAXATION}
-            self._pass = own(ScreenPass(context, "refinement_step.frag", uniforms=uniforms))
-            self._targets = [own(_Target(context, shape)) for _ in range(2)]
-        except BaseException:
-            self.release()
-            raise
+    def __init__(self, canvases: Sequence[Canvas], prior: Ties[moderngl.Texture]) -> None:
+        self._canvases, self._prior = canvases, prior
 
     def run(
         self,
@@ -144,44 +145,29 @@ class _Stepper:
         p: moderngl.Texture,
         step_size: moderngl.Texture,
     ) -> tuple[moderngl.Texture, moderngl.Texture]:
-        following = self._targets[step % 2]
-        following.framebuffer.use()
-        self._pass.set(momentum=momentum(step))
-        self._pass.draw(descent=descent, y=y, p=p, step_size=step_size, **self._prior)
-        return following.p, following.y
+        following = self._canvases[step % 2]
+        following.draw(Step(descent, y, p, step_size, self._prior, momentum(step), OVER_RELAXATION))
+        return following.pictures[0], following.pictures[1]
 
     def release(self) -> None:
-        self._owner.release()
-
-
-class _Target:
-    """p and y of one step, drawn together."""
-
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
-        self.p, self.y = float_texture(context, shape), float_texture(context, shape)
-        self.framebuffer = context.framebuffer([self.p, self.y])
-        self._context = context
-
-    def release(self) -> None:
-        self._context.detect_framebuffer(0).use()  # see Pass.release
-        for resource in (self.framebuffer, self.p, self.y):
-            resource.release()
+        for canvas in self._canvases:
+            canvas.release()
 
 
 class _Total:
     """Sums a picture to one pixel, block by block."""
 
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
-        self._passes: list[Pass] = []
+    def __init__(self, device: GlDevice, shape: tuple[int, int]) -> None:
+        self._canvases: list[Canvas] = []
         while shape != (1, 1):
             shape = -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
-            self._passes.append(Pass(context, "block_sum.frag", float_texture(context, shape), {"SIDE": BLOCK}))
+            self._canvases.append(device.canvas(shape))
 
     def run(self, picture: moderngl.Texture) -> NDArray[np.float64]:
-        for level in self._passes:
-            picture = level.run(source=picture)
+        for canvas in self._canvases:
+            picture = canvas.draw(BlockSum(picture, BLOCK))
         return np.frombuffer(picture.read(), np.float32)[:3].astype(np.float64)
 
     def release(self) -> None:
-        for level in self._passes:
-            level.release()
+        for canvas in self._canvases:
+            canvas.release()

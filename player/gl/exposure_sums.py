@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from counterlight.errors import InputError
-from counterlight.gl.passes import Pass, ScreenPass, float_texture
+from counterlight.gl.passes import ScreenPass, ShaderPass, float_texture
 
 BATCH = 16  # largest number of exposures per pass: one pass over the sums serves all of them
 BATCH_BYTES = 1 << 28  # of code values that wait for a pass
@@ -80,7 +80,9 @@ class GlSums:
         self._adders: dict[int, _Adder] = {}
         target = float_texture(context, (self._rows, TEXELS))
         self._estimate = self._own(
-            Pass(context, "expose_estimate.frag", target, {"EXPONENTIAL": None} if exponential else {}, slack=slack)
+            ShaderPass(
+                context, "expose_estimate.frag", target, {"EXPONENTIAL": None} if exponential else {}, slack=slack
+            )
         )
 
     def add(self, codes: NDArray[Any], coefficients: tuple[float, float, float], exposure_s: float) -> None:

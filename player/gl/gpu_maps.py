@@ -13,14 +13,16 @@ import moderngl
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.gl.passes import Pass, float_texture, integer_texture
+from counterlight.gl.passes import ShaderPass, float_texture, integer_texture
 from counterlight.gl.shaders import build_compute_program
 from counterlight.maps.row_map import RowMap, UintArray
 from counterlight.maps.sliced_map import GROUP, lanes_of, parts
 from counterlight.maps.sliced_words import lanes_of_words, word_parts
 from counterlight.maps.small_map import WORD_BYTES
 from counterlight.maps.word_map import WordMap
-from counterlight.pipeline.device import LONG_BYTES, Operation, Owner
+from counterlight.passes import product
+from counterlight.passes.product import Combining
+from counterlight.pipeline.device import LONG_BYTES, Owner, Product
 
 TILE_TEXELS = 1 << 25  # per texture, 512 MiB of entries; llvmpipe ends at 1 GiB, and no driver guarantees more
 VERSION = 430
@@ -46,13 +48,13 @@ class GpuMap(ABC, Generic[Packed]):
             self.release()
             raise
 
-    def product(self, combine: str = "") -> Operation:
+    def product(self, combining: Combining = "") -> Product[moderngl.Texture]:
         """Return target = Σ weights · source, combined with a base as shaders/product.glsl says.
 
-        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP", or, for words of T,
+        combining : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP", or, for words of T,
             "WEIGHED_RESIDUAL".
         """
-        return self._pass(self.defines | ({combine: None} if combine else {}))
+        return self._pass(self.defines | ({combining: None} if combining else {}))
 
     def release(self) -> None:
         self._owner.release()
@@ -61,7 +63,7 @@ class GpuMap(ABC, Generic[Packed]):
     def _upload(self, packed: Packed) -> None: ...
 
     @abstractmethod
-    def _pass(self, defines: Mapping[str, int | None]) -> Operation: ...
+    def _pass(self, defines: Mapping[str, int | None]) -> Product[moderngl.Texture]: ...
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ class MapTextures(TextureMap[RowMap]):
     tile_texels : most texels per texture; a larger map is cut between lines.
     """
 
-    shader = "row_map.frag"
+    shader = product.SHADER
 
     def __init__(self, context: moderngl.Context, packed: RowMap, tile_texels: int = TILE_TEXELS) -> None:
         self._tile_texels = tile_texels
@@ -123,7 +125,7 @@ class MapTextures(TextureMap[RowMap]):
 class WordTextures(TextureMap[WordMap]):
     """A map in words, in textures."""
 
-    shader = "small_map.frag"
+    shader = product.WORDS_SHADER
 
     def _upload(self, packed: WordMap) -> None:
         arrays = {"rows": packed.rows, "words": packed.words}
@@ -137,7 +139,7 @@ class TexturePass:
 
     def __init__(self, stored: TextureMap[Any], defines: Mapping[str, int | None]) -> None:
         self._stored, target = stored, float_texture(stored.context, stored.output_shape)
-        self._pass = Pass(stored.context, stored.shader, target, defines, **stored.uniforms)
+        self._pass = ShaderPass(stored.context, stored.shader, target, defines, **stored.uniforms)
 
     def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture:
         optional = {} if base is None else {"base": base}
@@ -182,7 +184,7 @@ class BufferMap(GpuMap[Packed]):
 class MapBuffers(BufferMap[RowMap]):
     """A row map in buffers."""
 
-    shader = "row_map.comp"
+    shader = product.COMPUTE_SHADER
 
     def _upload(self, packed: RowMap) -> None:
         self.lanes = lanes_of(packed)
@@ -193,7 +195,7 @@ class MapBuffers(BufferMap[RowMap]):
 class WordBuffers(BufferMap[WordMap]):
     """A map in words, in buffers."""
 
-    shader = "small_map.comp"
+    shader = product.WORDS_COMPUTE_SHADER
 
     def _upload(self, packed: WordMap) -> None:
         self.lanes = lanes_of_words(packed)

@@ -1,6 +1,7 @@
-"""A full-screen pass: a program, the textures it reads, and the texture it writes. Built once, run every frame."""
+"""Draws fragment shaders: into the current framebuffer, or as passes (counterlight.passes) into canvases."""
 
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from typing import Any, TypeAlias
 
 import moderngl
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.gl.shaders import build_program
+from counterlight.passes.drawing import Pass, inputs_of
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 # texels converted to RGBA at a time; allocating a whole picture would take as long as copying it
@@ -120,7 +122,66 @@ class ScreenPass:
         self._program.release()
 
 
-class Pass(ScreenPass):
+class Programs:
+    """The programs of passes: each shader is compiled once per set of defines, on its first draw."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._made: dict[tuple[str, tuple[str, ...]], ScreenPass] = {}
+
+    def draw(self, made: Pass[moderngl.Texture]) -> None:
+        """Draw a pass into the current framebuffer."""
+        defines, uniforms, textures = dict(made.defines), dict[str, Uniform](), dict[str, moderngl.Texture]()
+        for name, value, optional in inputs_of(made):
+            if isinstance(value, moderngl.Texture):
+                textures[name] = value
+            elif value is not True and not is_dataclass(value):
+                uniforms[name] = tuple(value.tolist()) if isinstance(value, np.ndarray) else value
+                continue
+            if optional:
+                defines[name.upper()] = None
+        key = made.shader, tuple(defines)
+        if key not in self._made:
+            self._made[key] = ScreenPass(self._context, made.shader, defines)
+        program = self._made[key]
+        program.set(**uniforms)
+        program.draw(**textures)
+
+    def release(self) -> None:
+        for program in self._made.values():
+            program.release()
+
+
+class Canvas:
+    """Textures that passes are drawn into together; most passes have one. The caller releases the canvas."""
+
+    def __init__(self, context: moderngl.Context, programs: Programs, *pictures: moderngl.Texture) -> None:
+        self.pictures = pictures
+        self._context, self._programs = context, programs
+        self._framebuffer = context.framebuffer(pictures)
+        self.clear()
+
+    @property
+    def picture(self) -> moderngl.Texture:
+        return self.pictures[0]
+
+    def draw(self, made: Pass[moderngl.Texture]) -> moderngl.Texture:
+        self._framebuffer.use()
+        self._programs.draw(made)
+        return self.picture
+
+    def clear(self) -> None:
+        """Make the pictures black."""
+        self._framebuffer.clear()
+
+    def release(self) -> None:
+        self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
+        self._framebuffer.release()
+        for picture in self.pictures:
+            picture.release()
+
+
+class ShaderPass(ScreenPass):
     """Draws one fragment shader into its own target texture."""
 
     def __init__(
@@ -148,6 +209,6 @@ class Pass(ScreenPass):
 
     def release(self) -> None:
         super().release()
-        self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
+        self._context.detect_framebuffer(0).use()  # see Canvas.release
         self._framebuffer.release()
         self.target.release()

@@ -12,7 +12,7 @@ from counterlight.gl.gpu_maps import MapBuffers, MapTextures, WordBuffers, WordT
 from counterlight.gl.passes import float_texture
 from counterlight.maps.row_map import RowMap
 from counterlight.maps.small_map import WORD_BYTES
-from counterlight.pipeline.device import LONG_BYTES, GpuPath, Operation, Owner, PathReport, StoredMap
+from counterlight.pipeline.device import LONG_BYTES, GpuPath, Owner, PathReport, Product, StoredMap
 from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
@@ -25,12 +25,12 @@ class GlMaps:
     def __init__(self, context: moderngl.Context, room: Room, path: GpuPath) -> None:
         self._context, self._owner = context, Owner()
         self._words = room.maps.in_words(room.white) if path.entries == "words" else {}
-        self._stored: dict[int, StoredMap] = {}
+        self._stored: dict[int, StoredMap[moderngl.Texture]] = {}
         self.weighs = id(room.maps.transport) in self._words
         self.room, self.path = room, path
         self.report = PathReport(str(path), LONG_BYTES, self._light_bytes() if self.weighs else None)
 
-    def of(self, packed: RowMap) -> StoredMap:
+    def of(self, packed: RowMap) -> StoredMap[moderngl.Texture]:
         if id(packed) not in self._stored:
             self._stored[id(packed)] = self._owner.own(self._store(packed))
         return self._stored[id(packed)]
@@ -38,7 +38,7 @@ class GlMaps:
     def release(self) -> None:
         self._owner.release()
 
-    def _store(self, packed: RowMap) -> StoredMap:
+    def _store(self, packed: RowMap) -> StoredMap[moderngl.Texture]:
         of_entries, of_words = STORES[self.path.shader]
         small = self._words.get(id(packed))
         return of_entries(self._context, packed) if small is None else of_words(self._context, small)
@@ -99,7 +99,7 @@ def products_ms(context: moderngl.Context, stored: GlMaps) -> float:
     return sum(_product_ms(context, each) for each in map(stored.of, measured))
 
 
-def _product_ms(context: moderngl.Context, stored: StoredMap) -> float:
+def _product_ms(context: moderngl.Context, stored: StoredMap[moderngl.Texture]) -> float:
     owner = Owner()
     try:
         product = owner.own(stored.product())
@@ -110,7 +110,9 @@ def _product_ms(context: moderngl.Context, stored: StoredMap) -> float:
         owner.release()
 
 
-def _frame_seconds(context: moderngl.Context, product: Operation, source: moderngl.Texture) -> Iterable[float]:
+def _frame_seconds(
+    context: moderngl.Context, product: Product[moderngl.Texture], source: moderngl.Texture
+) -> Iterable[float]:
     for _ in range(WARM_UP + FRAMES):
         context.finish()
         start = time.perf_counter()

@@ -7,12 +7,13 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.gl.passes import Pass, Uniform, cube_texture, float_texture, plane_texture, table_texture
+from counterlight.gl.passes import ShaderPass, Uniform, cube_texture, float_texture, plane_texture, table_texture
 from counterlight.media.video import PixelFormat
+from counterlight.passes.planes_to_linear import SHADER, Signal
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.device import Owner
 from counterlight.pipeline.placement import shown_shape
-from counterlight.pipeline.signal import Signal, signal_of
+from counterlight.pipeline.signal import signal_of
 
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 
@@ -81,7 +82,7 @@ class Planes:
                 tables["gain"] = own(table_texture(context, signal.rendition.gain))
                 defines["RENDITION"] = None
         target = float_texture(context, shown_shape(pixels))
-        made: Pass = own(Pass(context, "planes_to_linear.frag", target, defines, **uniforms))
+        made: ShaderPass = own(ShaderPass(context, SHADER, target, defines, **uniforms))
         planes = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
         self._pass, self._tables, self._inputs = made, tables, planes | tables | cubes
         self._built_for = None if signal is None else (signal.lut, signal.rendition is None)

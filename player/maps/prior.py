@@ -1,7 +1,7 @@
 """The prior on the drive where the camera says little: ½ Σ η p² + ½ Σ ω (p_j − p_k)² over neighbours j, k, per channel.
 
-Its matrix P has η + Σ ω on the diagonal and −ω off the diagonal. pipeline/reference.py applies it (`pull`), as
-refinement_step.frag does. docs/mathematics.md 2 says where η and ω come from.
+Its matrix P has η + Σ ω on the diagonal and −ω off the diagonal. `pull` applies it, as refinement_step.frag does.
+docs/mathematics.md 2 says where η and ω come from.
 """
 
 from collections.abc import Callable
@@ -74,3 +74,19 @@ def read(files: DescribedFiles, projector: tuple[int, int]) -> Prior:
     prior = Prior(*(exr.read_described(files, file_of(name), projector, "the projector") for name in NAMES))
     prior.check(lambda name: f"{files.folder / file_of(name)}", files.fix)
     return prior
+
+
+def pull(
+    p: NDArray[np.floating],
+    damping: NDArray[np.floating],
+    right: NDArray[np.floating],
+    down: NDArray[np.floating],
+) -> NDArray[np.floating]:
+    """Return P p of a prior: η p + Σ ω (p − neighbour's)."""
+    across, along = right[:, :-1] * np.diff(p, axis=1), down[:-1] * np.diff(p, axis=0)
+    result = np.asarray(damping * p)
+    result[:, :-1] -= across
+    result[:, 1:] += across
+    result[:-1] -= along
+    result[1:] += along
+    return result

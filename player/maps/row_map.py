@@ -4,8 +4,7 @@ A row of the matrix computes one pixel of the output picture: out[i] = Σ_k weig
 The *lookup texture* (output resolution) says where a row starts and how long it is. The *entries texture* holds (w_R,
 w_G, w_B, index) with index = x + y·width of the source picture. Rows are sorted by length and never break across
 texture rows. A texture is at most 16384 texels wide, and as high as necessary. It is processed in blocks, so that
-memory holds it only once. This module writes and reads the format; shaders/row_map.frag applies it, and
-pipeline/reference.py has the CPU function.
+memory holds it only once. This module writes and reads the format; counterlight.passes.product applies it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -420,3 +419,24 @@ def read_texture(
 
 def size_of(shape: tuple[int, int]) -> list[int]:
     return [shape[1], shape[0]]
+
+
+class PreparedRows:
+    """A row map unpacked for repeated products in float64: per channel Σ_k weight[k] · source[index[k]].
+
+    Rows without entries give 0.
+    """
+
+    def __init__(self, packed: RowMap) -> None:
+        self._rows = unpack(packed)
+        self._shape, self._source_shape = packed.output_shape, packed.source_shape
+
+    def apply(self, source: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Multiply. source : (source height, source width, 3). Returns (output height, output width, 3)."""
+        if source.shape[:2] != self._source_shape:
+            raise ValueError(f"source of shape {source.shape[:2]}, the row map reads {self._source_shape}")
+        return self._rows.apply(source.reshape(-1, 3)).reshape(*self._shape, 3)
+
+    def apply_transpose(self, picture: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Multiply a picture of the output's shape by the transpose; returns a picture of the source's shape."""
+        return self._rows.apply_transpose(picture.reshape(-1, 3)).reshape(*self._source_shape, 3)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.files.cube import Cube
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline.colour import LUMA_WEIGHTS, Decoding
+from counterlight.passes.colour import LUMA_WEIGHTS, Decoding
 from counterlight.pipeline.placement import Corners, check_corners
 from counterlight.pipeline.test_cards import CARDS
 from counterlight.pipeline.value_types import FLAG, Choice, Kind, Number, Places, UnreadError

@@ -28,9 +28,6 @@ QUIETEST = 1e-30  # a mean squared error below this counts as 0
 # CUT: mean change of the code values, in full scale; THUMBNAIL: samples along the shorter side
 CUT, THUMBNAIL = 0.1, 48
 
-SCALES = np.linspace(1, 0.25, 16)  # candidates of s / (1 − o), the preferred first
-OFFSETS = 0.25 * np.linspace(0, 1, 16) ** 2  # of o, in shares of white
-TILES, SAMPLES = 16, 16  # the camera's view is summed in 16 × 16 tiles of at most 16 × 16 samples
 SMOOTHING_S = 0.5
 
 
@@ -118,12 +115,6 @@ def camera_psnr(
 def psnr(mean_square: float) -> float:
     """Return 10 log₁₀(1 / mean_square) in dB, for errors relative to white."""
     return float(-10 * np.log10(max(mean_square, QUIETEST)))
-
-
-def tile_grid(shape: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return (rows, columns) of a tile in pixels, and the (row, column) distance between samples within a tile."""
-    tile = -(-shape[0] // TILES), -(-shape[1] // TILES)
-    return tile, (-(-tile[0] // SAMPLES), -(-tile[1] // SAMPLES))
 
 
 def approach(duration_s: float) -> float:

@@ -1,16 +1,19 @@
 """Damping of the drive from frame to frame, against flicker."""
 
+from typing import Generic
+
+from counterlight.passes.combine import Blend
+from counterlight.passes.drawing import Picture
 from counterlight.pipeline.content import Succession
-from counterlight.pipeline.device import Device, Light
+from counterlight.pipeline.device import Device
 
 
-class Damper:
+class Damper(Generic[Picture]):
     """Computes (1 − weight) drive + weight · previous drive. After a cut or a gap, the drive is unchanged."""
 
-    def __init__(self, device: Device, shape: tuple[int, int]) -> None:
+    def __init__(self, device: Device[Picture], shape: tuple[int, int]) -> None:
         self._succession = Succession(lasting=False)
-        self._before, self._now = (device.make_pass("blend.frag", shape) for _ in range(2))
-        self._before.clear()
+        self._before, self._now = (device.canvas(shape) for _ in range(2))
 
     def advance(self, *, cut: bool) -> None:
         if self._succession.advance(cut=cut):
@@ -19,10 +22,10 @@ class Damper:
     def restart(self) -> None:
         self._succession.restart()
 
-    def run(self, drive: Light, weight: float) -> Light:
-        self._now.set(weight=0.0 if self._succession.fresh else weight)
+    def run(self, drive: Picture, weight: float) -> Picture:
+        weight = 0.0 if self._succession.fresh else weight
         self._succession.draw()
-        return self._now.run(now=drive, before=self._before.target)
+        return self._now.draw(Blend(drive, self._before.picture, weight))
 
     def release(self) -> None:
         self._before.release()

@@ -1,12 +1,12 @@
-"""The interface of a backend: it holds pictures, draws passes, and multiplies with a room's maps.
+"""The interface of a backend: it holds pictures, draws passes (counterlight.passes), and multiplies with a room's maps.
 
-gl/device.py implements it with OpenGL, cpu_renderer.py with compiled passes, reference_renderer.py with numpy. The
-order of the passes is written once, in renderer.py and the modules that it uses.
+gl/device.py implements it with OpenGL, cpu_renderer.py with the passes' CPU functions. The order of the passes is
+written once, in renderer.py and the modules that it uses. `Picture` is a picture as the backend holds it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from counterlight.errors import InputError, nearest
 from counterlight.maps.room_maps import MapChain
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
+from counterlight.passes.drawing import CHANNELS, Canvas, Picture
+from counterlight.passes.product import Combining
+from counterlight.passes.refinement_step import Ties
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.room import Room
 from counterlight.response import RasterResponse
@@ -22,9 +25,10 @@ from counterlight.response import RasterResponse
 BACKENDS = ("auto", "gl", "cpu")
 SHADERS, ENTRIES = ("auto", "fragment", "compute"), ("auto", "16", "words")
 LONG_BYTES = 16  # an entry: three weights of 32 bits and an index
-Light: TypeAlias = Any  # a picture as its device holds it: a texture or an array
-NearLight: TypeAlias = Callable[[Light], Light]  # b -> b without the far light of the compensated picture
+NearLight: TypeAlias = Callable[[Picture], Picture]  # b -> b without the far light of the compensated picture
 T = TypeVar("T")
+Drawn = TypeVar("Drawn", covariant=True)  # `Picture` where a protocol only returns it
+Taken = TypeVar("Taken", contravariant=True)  # `Picture` where a protocol only takes it
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ EVERYWHERE = GpuPath()
 class PathReport:
     """A renderer's way of multiplying with the room's maps.
 
-    name : str() of a GpuPath without "auto", or "cpu" or "reference".
+    name : str() of a GpuPath without "auto", or "cpu".
     entry_bytes : bytes per entry of the correction map.
     light_bytes : mean bytes per entry of T if T and Tᵀ are packed in words; None otherwise.
     measured : milliseconds of a frame's products on each path, measured at startup; empty without a measurement.
@@ -101,29 +105,16 @@ class Owner:
             self._owned.pop().release()
 
 
-class Operation(Protocol):
-    """An object that is built once and runs every frame."""
+class Product(Protocol[Picture]):
+    """A product with a row map that is prepared once and runs every frame."""
 
-    @property
-    def run(self) -> Callable[..., Any]: ...
+    def run(self, source: Picture, base: Picture | None = None) -> Picture:
+        """Return Σ weights · source, combined with the base; valid until the next run."""
 
     def release(self) -> None: ...
 
 
-class Pass(Operation, Protocol):
-    """One shader, or its CPU function: run(**pictures) draws and returns its target."""
-
-    @property
-    def target(self) -> Light: ...
-
-    def set(self, **uniforms: Any) -> None:
-        """Set uniforms by name."""
-
-    def clear(self) -> None:
-        """Make the target black."""
-
-
-class StoredMap(Protocol):
+class StoredMap(Protocol[Picture]):
     """A row map on its device; several products may share it."""
 
     @property
@@ -132,17 +123,13 @@ class StoredMap(Protocol):
     @property
     def source_shape(self) -> tuple[int, int]: ...
 
-    def product(self, combine: str = "") -> Operation:
-        """Return an operation with run(source, base) -> Σ weights · source, combined with the optional base.
-
-        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP". If the maps weigh, the last
-            part of T also accepts "WEIGHED_RESIDUAL", which makes the source of Tᵀ.
-        """
+    def product(self, combining: Combining = "") -> Product[Picture]:
+        """Return a product. If the maps weigh, the last part of T also accepts "WEIGHED_RESIDUAL", the source of Tᵀ."""
 
     def release(self) -> None: ...
 
 
-class StoredMaps(Protocol):
+class StoredMaps(Protocol[Picture]):
     """A room's maps, each stored on first use.
 
     weighs : whether the maps of TᵀW take a weighted residual, w C ∘ (b − T p) (counterlight.maps.small_map).
@@ -152,20 +139,20 @@ class StoredMaps(Protocol):
     report: PathReport
     weighs: bool
 
-    def of(self, packed: RowMap) -> StoredMap: ...
+    def of(self, packed: RowMap) -> StoredMap[Picture]: ...
 
     def release(self) -> None: ...
 
 
-class ChainPass:
+class ChainPass(Generic[Picture]):
     """A chain of far or blurred light: target = base ± scatter · (mix ·) gather · source."""
 
-    def __init__(self, stored: StoredMaps, chain: MapChain, combine: str) -> None:
+    def __init__(self, stored: StoredMaps[Picture], chain: MapChain, combining: Combining) -> None:
         *first, last = chain.factors
         self._first = [stored.of(factor).product() for factor in first]
-        self._last = stored.of(last).product(combine)
+        self._last = stored.of(last).product(combining)
 
-    def run(self, source: Light, base: Light) -> Light:
+    def run(self, source: Picture, base: Picture) -> Picture:
         for product in self._first:
             source = product.run(source)
         return self._last.run(source, base)
@@ -175,17 +162,22 @@ class ChainPass:
             product.release()
 
 
-class Planes(Operation, Protocol):
-    """The planes of one pixel format: run() -> upright linear picture."""
+class Planes(Protocol[Drawn]):
+    """The planes of one pixel format, and the pass planes_to_linear."""
 
     def adjust(self, adjustments: Adjustments) -> None:
         """Apply brightness, contrast, gamma and saturation; they do not change radiance, which has no codes."""
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None: ...
 
+    def run(self) -> Drawn:
+        """Return the upright linear picture."""
 
-class Adapter(Operation, Protocol):
-    """run(placed picture) -> (s, o) of a frame (player/pipeline/content.py)."""
+    def release(self) -> None: ...
+
+
+class Adapter(Protocol[Picture]):
+    """The passes of the adaptation (counterlight.passes.adaptation)."""
 
     def set(self, adapt: float, unit: float, black_level: float) -> None:
         """Set the parameters of the adaptation.
@@ -197,41 +189,70 @@ class Adapter(Operation, Protocol):
 
     def advance(self, *, cut: bool, duration_s: float) -> None: ...
 
+    def run(self, placed: Picture) -> Picture:
+        """Return (s, o) of a frame (player/pipeline/content.py)."""
 
-class Device(Protocol):
-    """Makes pictures and passes. The caller releases what a method made; shapes are (height, width)."""
+    def release(self) -> None: ...
 
-    def picture(self, picture: NDArray[np.floating]) -> Light:
+
+class Encoder(Protocol[Picture]):
+    """The pass encode."""
+
+    def run(self, light: Picture, frame: int) -> Picture:
+        """Return 8-bit codes through the inverse response of each column."""
+
+    def release(self) -> None: ...
+
+
+class Stepper(Protocol[Picture]):
+    """The pass refinement_step."""
+
+    def run(self, step: int, descent: Picture, y: Picture, p: Picture, step_size: Picture) -> tuple[Picture, Picture]:
+        """Return the next p and y. They stay valid during the following step; the step after that overwrites them."""
+
+    def release(self) -> None: ...
+
+
+class Total(Protocol[Taken]):
+    def run(self, picture: Taken) -> NDArray[np.float64]:
+        """Return the sum of a picture, (3,) float64; waits for the result."""
+
+    def release(self) -> None: ...
+
+
+class Device(Protocol[Picture]):
+    """Makes pictures and draws passes. The caller releases what a method made; shapes are (height, width)."""
+
+    def picture(self, picture: NDArray[np.floating]) -> Picture:
         """Return a device picture of an array (height, width, 3)."""
 
-    def write(self, light: Light, picture: NDArray[np.floating]) -> None:
+    def write(self, light: Picture, picture: NDArray[np.floating]) -> None:
         """Overwrite a picture made by `picture`."""
 
-    def mask(self, mask: NDArray[np.bool_]) -> Light: ...
+    def mask(self, mask: NDArray[np.bool_]) -> Picture: ...
 
-    def make_pass(
-        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
-    ) -> Pass: ...
+    def canvas(self, shape: tuple[int, int], channels: int = CHANNELS) -> Canvas[Picture]:
+        """Return a black picture that passes are drawn into."""
 
-    def store(self, room: Room) -> StoredMaps: ...
+    def store(self, room: Room) -> StoredMaps[Picture]: ...
 
-    def planes(self, pixels: PixelFormat) -> Planes: ...
+    def planes(self, pixels: PixelFormat) -> Planes[Picture]: ...
 
-    def adapter(self, near_light: NearLight, ambient: Light, most: Light, white: float) -> Adapter: ...
+    def adapter(
+        self, near_light: NearLight[Picture], ambient: Picture, most: Picture, white: float
+    ) -> Adapter[Picture]: ...
 
-    def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
-        """Return an operation with run(light, frame) -> 8-bit codes through the inverse response of each column."""
+    def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Encoder[Picture]:
+        """Return an encoder. scale : light of a white pixel. dither : one of DITHERS of counterlight.passes.encode."""
 
-    def stepper(self, shape: tuple[int, int], prior: Mapping[str, Light]) -> Operation:
-        """Return an operation with run(step, descent, y, p, step_size) -> next p and y.
+    def stepper(self, shape: tuple[int, int], prior: Ties[Picture]) -> Stepper[Picture]: ...
 
-        The results stay valid during the following step, and the step after that overwrites them.
-        """
+    def total(self, shape: tuple[int, int]) -> Total[Picture]: ...
 
-    def total(self, shape: tuple[int, int]) -> Operation:
-        """Return an operation with run(picture) -> its sum, (3,) float64; run waits for the result."""
-
-    def read(self, light: Light, dtype: type) -> NDArray[Any]:
+    def read(self, light: Picture, dtype: type) -> NDArray[Any]:
         """Return a picture's three channels, (height, width, 3); waits for the device."""
 
     def finish(self) -> None: ...
+
+    def release(self) -> None:
+        """Release what the device keeps for later draws."""

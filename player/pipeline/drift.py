@@ -23,15 +23,13 @@ from counterlight.files import exr
 from counterlight.files.manifest import describe_files, read_steadily, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
+from counterlight.passes.moved import FADE, TAPS, WHOLE, MovedDrive
 from counterlight.raster import Region
 from counterlight.writing.replacing import replacing_folder
 
 FOLDER, FILE, AMBIENT, SHARE, FORMAT = "drift", "drift.toml", "ambient.exr", "share.exr", 1
 FARTHEST = 0.5  # in the projector's longer side: largest allowed move of a corner
 GAIN = 0.05, 20.0
-TAPS = 6  # interpolation uses TAPS × TAPS pixels
-# pixels: how far a moved picture continues beyond the calibrated raster, and over which distance it then fades
-WHOLE, FADE = 1.0, 2.0
 MARGIN = int(WHOLE + FADE) + TAPS // 2  # mirrored pixels around the picture
 LEAST_SHARE = 0.05
 Light: TypeAlias = NDArray[np.floating]
@@ -127,7 +125,11 @@ class Drift:
 
     def shown(self, drive: Light, regions: tuple[Region, ...]) -> Light:
         """Return the drive to show for a drive in the calibrated raster; unchanged if no picture has moved."""
-        return moved(drive, self.table(regions)) if self.moves else drive
+        if not self.moves:
+            return drive
+        shown = np.zeros(drive.shape, np.float32)
+        MovedDrive(np.ascontiguousarray(drive, np.float32), self.table(regions)).fill(shown)
+        return shown
 
     def to_dict(self, devices: tuple[Device, ...]) -> dict[str, Any]:
         """Return values for JSON: the move of each picture's middle in pixels, and its mean gain."""
@@ -153,15 +155,6 @@ def write_drift(stored: StoredCalibration, drift: Drift) -> None:
         if drift.share is not None:
             exr.write_channels(stage / SHARE, {"Y": drift.share})
         write_toml(stage / FILE, _to_toml(stored, drift, describe_files(stage)))
-
-
-def moved(drive: Light, projectors: Light) -> FloatArray:
-    """Return a drive (height, width, 3) as it is shown (moved.frag). `projectors` comes from `Drift.table`."""
-    shown = np.zeros(drive.shape)
-    for rows in np.asarray(projectors, np.float64):
-        part = Region(*(int(value) for value in (*rows[3, :2], *rows[4, :2]))).part
-        shown[part] = np.clip(resampled(drive[part], rows[:3], WHOLE, FADE) / rows[5], 0, 1)
-    return shown
 
 
 def resampled(picture: Light, N: FloatArray, whole: float = -0.5, fade: float = 1.0) -> FloatArray:

@@ -1,80 +1,69 @@
 """The mixing of a room's primaries on its device; see counterlight.maps.mixing."""
 
 from functools import cached_property
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.pipeline.device import Device, Light, Owner, Pass
+from counterlight.passes.drawing import Canvas, Picture, Rows
+from counterlight.passes.mixing import Mix
+from counterlight.pipeline.device import Device, Owner
 from counterlight.pipeline.room import Room
 
-ROWS = "row_red", "row_green", "row_blue"
 
-
-class Mixer:
+class Mixer(Generic[Picture]):
     """Mixing matrices of every camera pixel as pictures, each made on first use; none if channels do not mix.
 
-    defines : shader defines for passes that take `rows`.
-    uniforms : shader uniforms for passes that take `rows` and limit the light.
+    squares : (9,). Q Qᵀ for passes that take `rows` and limit the light.
     """
 
-    def __init__(self, device: Device, room: Room) -> None:
+    def __init__(self, device: Device[Picture], room: Room) -> None:
         self._device, self._owner = device, Owner()
         self._mixing, self._camera = room.mixing, room.calibration.camera.shape
         self.mixes = self._mixing.pixel is not None
-        self.defines: dict[str, int | None] = {"MIXED": None} if self.mixes else {}
-        squares = self._mixing.squares.ravel().astype(np.float32)
-        self.uniforms: dict[str, NDArray[np.float32]] = {"squares": squares} if self.mixes else {}
+        self.squares = self._mixing.squares.ravel().astype(np.float32) if self.mixes else None
 
     @cached_property
-    def rows(self) -> dict[str, Light]:
-        """The matrices A as shader inputs."""
+    def rows(self) -> Rows[Picture] | None:
+        """The matrices A."""
         return self._pictures(self._mixing.inverse)
 
-    def asked(self, light: Light) -> Light:
+    def asked(self, light: Picture) -> Picture:
         """Return A light; valid until the next call."""
-        return self._asked.run(light=light, base=self.black, **self.rows) if self.mixes else light
-
-    def seen(self) -> Pass:
-        """Return a new pass for B light + base: run(light, base, **seen_rows). The caller releases it."""
-        return self._device.make_pass("mix.frag", self._camera)
+        return light if self.rows is None else self._asked.draw(Mix(light, self.black, self.rows))
 
     @cached_property
-    def seen_rows(self) -> dict[str, Light]:
-        """The matrices B as inputs of a `seen` pass."""
+    def seen_rows(self) -> Rows[Picture] | None:
+        """The matrices B."""
         return self._pictures(self._mixing.pixel)
 
-    def on_screen(self, light: Light) -> Light:
+    def on_screen(self, light: Picture) -> Picture:
         """Return B light, light of the transport in screen primaries; valid until the next call."""
-        return self._on_screen.run(light=light, base=self.black, **self.seen_rows) if self.mixes else light
+        return light if self.seen_rows is None else self._on_screen.draw(Mix(light, self.black, self.seen_rows))
 
-    def recolour(self, shape: tuple[int, int]) -> Pass | None:
-        """Return a pass from camera radiance to screen primaries, or None if both are equal; the caller releases it."""
-        if self._mixing.neutral is None:
-            return None
-        matrix = self._mixing.to_screen.T.ravel().astype(np.float32)  # column by column, as OpenGL expects
-        return self._device.make_pass("recolour.frag", shape, matrix=matrix)
+    def canvas(self) -> Canvas[Picture]:
+        """Return a new canvas of the camera's size; the caller releases it."""
+        return self._device.canvas(self._camera)
 
     def release(self) -> None:
         self._owner.release()
 
-    def _pictures(self, matrices: NDArray[np.float32] | None) -> dict[str, Light]:
+    def _pictures(self, matrices: NDArray[np.float32] | None) -> Rows[Picture] | None:
         if matrices is None:
-            return {}
-        return {
-            name: self._owner.own(self._device.picture(np.ascontiguousarray(matrices[..., row, :])))
-            for row, name in enumerate(ROWS)
-        }
+            return None
+        rows = (np.ascontiguousarray(matrices[..., row, :]) for row in range(3))
+        return Rows(*(self._owner.own(self._device.picture(each)) for each in rows))
 
     @cached_property
-    def black(self) -> Light:
+    def black(self) -> Picture:
         """A black picture of the camera's size."""
         return self._owner.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
 
     @cached_property
-    def _asked(self) -> Pass:
-        return self._owner.own(self.seen())
+    def _asked(self) -> Canvas[Picture]:
+        return self._owner.own(self.canvas())
 
     @cached_property
-    def _on_screen(self) -> Pass:
-        return self._owner.own(self.seen())
+    def _on_screen(self) -> Canvas[Picture]:
+        return self._owner.own(self.canvas())

@@ -7,7 +7,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.maps.chain import Chain, Light, Operator, Sum
 from counterlight.maps.room_maps import MapChain, RoomMaps
-from counterlight.pipeline.reference import PreparedRows
+from counterlight.maps.row_map import PreparedRows
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Placement of a picture in the view of a camera or projector: fitted with its aspect kept, or pinned by its corners.
 
 If pinned, a pixel centre (x, y) of the target shows the picture at H (x, y, 1). The projective map H takes the four
-corners to the picture's corners; pinned() in player/pipeline/reference.py describes the filter.
+corners to the picture's corners; player/passes/pinned.py describes the filter.
 """
 
 import os

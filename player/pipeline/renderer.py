@@ -8,19 +8,22 @@ room or medium is opened, or on first use (a view, an adjustment). A frame alloc
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.media.frames import Frame, PixelFormat
+from counterlight.passes.drawing import Canvas, Picture
+from counterlight.passes.moved import MovedDrive
+from counterlight.passes.shown_maps import Split
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
-from counterlight.pipeline.device import Device, Light, Owner, Pass, Planes
+from counterlight.pipeline.device import Device, Owner, Planes
 from counterlight.pipeline.drift import Drift
-from counterlight.pipeline.placed import Crossfade, Placed, Two
+from counterlight.pipeline.placed import Crossfade, Placed
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Goal, Refiner
 from counterlight.pipeline.room import Room
@@ -35,7 +38,7 @@ from counterlight.response import Response
 from counterlight.viewpoints import Viewpoint
 
 
-class Renderer:
+class Renderer(Generic[Picture]):
     """Renders frames: `open`, then `upload` and `render` any number of times, then read results; `release` at the end.
 
     path : the report of the way in which it multiplies with the maps.
@@ -44,15 +47,16 @@ class Renderer:
     collection.
     """
 
-    def __init__(self, device: Device, room: Room) -> None:
+    def __init__(self, device: Device[Picture], room: Room) -> None:
         self._device, self._room = device, room
         self._owner = Owner()
+        self._owner.own(device)
         self._adjustments = NEUTRAL
-        self._medium: _Medium | None = None
-        self._prepared: _Medium | None = None
-        self._leaving: _Leaving | None = None
+        self._medium: _Medium[Picture] | None = None
+        self._prepared: _Medium[Picture] | None = None
+        self._leaving: _Leaving[Picture] | None = None
         self._view = ""  # the view rendered last; empty since a medium was opened
-        self._damper: Damper | None = None
+        self._damper: Damper[Picture] | None = None
         self._times = StageTimes(device.finish)
         try:
             self._build()
@@ -74,17 +78,15 @@ class Renderer:
         self._camera_view = own(device.encoder(camera, Response("srgb").over(camera), room.white, "none"))
 
     @cached_property
-    def _split(self) -> Pass:
-        return self._owner.own(
-            self._device.make_pass("split.frag", self._room.calibration.camera.shape, line=self._room.white)
-        )
+    def _split(self) -> Canvas[Picture]:
+        return self._owner.own(self._device.canvas(self._room.calibration.camera.shape))
 
     @cached_property
-    def _small_projector(self) -> SmallPicture:
+    def _small_projector(self) -> SmallPicture[Picture]:
         return self._owner.own(SmallPicture(self._device, self._room.calibration.projector.shape, 1.0))
 
     @cached_property
-    def _small_camera(self) -> SmallPicture:
+    def _small_camera(self) -> SmallPicture[Picture]:
         return self._owner.own(SmallPicture(self._device, self._room.calibration.camera.shape, self._room.white))
 
     def start_from(self, start: str, bare: str = "map") -> None:
@@ -119,7 +121,9 @@ class Renderer:
                 self._owner.give_up(before)
         assert self._medium is not None
         self._medium.planes.adjust(self._adjustments)
-        shown: Sequence[Placed | Crossfade] = self._medium.placed if self._leaving is None else self._leaving.crossfades
+        shown: Sequence[Placed[Picture] | Crossfade[Picture]] = (
+            self._medium.placed if self._leaving is None else self._leaving.crossfades
+        )
         for room_view, placed in zip(self._room_views, shown, strict=True):
             room_view.request.open(placed, self._adjustments)
         self._cuts = SceneCuts()
@@ -182,7 +186,7 @@ class Renderer:
             self._damper.advance(cut=cut)
 
     @property
-    def _planes(self) -> Planes:
+    def _planes(self) -> Planes[Picture]:
         """Planes of the open medium."""
         assert self._medium is not None
         return self._medium.planes
@@ -213,8 +217,8 @@ class Renderer:
         self._times.begin(timed=timed)
         self._decoded = self._run_planes()
         self._times.end("linear")
-        self._compensated: _Compensated | None = None
-        self._sent: Light | None = None
+        self._compensated: _Compensated[Picture] | None = None
+        self._sent: Picture | None = None
         self._linear = self._shown(view, compensate=compensate and self._adjustments.card is None, steps=steps)
         self._times.end("view")
         encoder = self._projector_view if view == "projector" else self._camera_view
@@ -238,10 +242,11 @@ class Renderer:
         """Return the adapted and placed target: (camera height, camera width, 3), in screen primaries."""
         return self._main_view.request.desired(self._run_planes())
 
-    def _run_planes(self) -> Light | Two:
-        """Return the decoded picture, or two pictures during a crossfade."""
-        now = self._planes.run()
-        return now if self._leaving is None else Two(now, self._leaving.medium.planes.run())
+    def _run_planes(self) -> Picture:
+        """Return the decoded picture. During a crossfade, decode the picture of the previous medium, too."""
+        if self._leaving is not None:
+            self._leaving.decode()
+        return self._planes.run()
 
     def small(self) -> NDArray[np.uint8] | None:
         """Return the rendered view as a small sRGB picture; None before the first frame of a medium.
@@ -290,7 +295,7 @@ class Renderer:
         """Release everything that the renderer holds."""
         self._owner.release()
 
-    def _shown(self, view: str, *, compensate: bool, steps: int) -> Light:
+    def _shown(self, view: str, *, compensate: bool, steps: int) -> Picture:
         if view == "impossible":
             return self._main_view.views.impossible()
         if view == "projector":
@@ -304,7 +309,7 @@ class Renderer:
             plain, corrected = (
                 observe.run(drive) for observe, drive in zip(self._main_view.observers, drives, strict=True)
             )
-            seen = self._split.run(left=plain, right=corrected)
+            seen = self._split.draw(Split(plain, corrected, self._room.white))
         else:
             seen = self._seen(self._drive(targets, steps) if compensate else self._plain())
         if view == "error":
@@ -313,11 +318,11 @@ class Renderer:
             seen = self._main_view.views.over_camera(seen, self._main_view.near_light(self._unbounded()))
         return seen
 
-    def _seen(self, drive: Light) -> Light:
+    def _seen(self, drive: Picture) -> Picture:
         self._sent = drive
         return self._main_view.observers[0].run(drive)
 
-    def _shown_to_projector(self, *, compensate: bool, steps: int) -> Light:
+    def _shown_to_projector(self, *, compensate: bool, steps: int) -> Picture:
         if not compensate:
             self._sent = self._plain()
             return self._sent
@@ -327,23 +332,23 @@ class Renderer:
             drive = self._main_view.views.over_projector(drive, wanted)
         return drive if self._moved is None else self._moved.run(drive)
 
-    def _goal(self, b: Light) -> Goal:
+    def _goal(self, b: Picture) -> Goal[Picture]:
         return Goal(b, self._unbounded(), self._plain())
 
-    def _plain(self) -> Light:
+    def _plain(self) -> Picture:
         return self._main_view.request.plain(self._decoded)
 
-    def _unbounded(self) -> Light:
+    def _unbounded(self) -> Picture:
         return self._main_view.request.unbounded(self._decoded)
 
-    def _targets(self) -> list[Target]:
+    def _targets(self) -> list[Target[Picture]]:
         targets = [
             Target(share, room_view, room_view.request.light(self._decoded)) for share, room_view in self._shares
         ]
         self._times.end("place")
         return targets
 
-    def _drive(self, targets: list[Target], steps: int) -> Light:
+    def _drive(self, targets: list[Target[Picture]], steps: int) -> Picture:
         refined = self._blend.refines and steps > 0
         last = self._blend.begin(targets) if refined else self._blend.guess(targets)
         self._times.end("start")
@@ -356,23 +361,26 @@ class Renderer:
         return last.p
 
 
-class _Compensated(NamedTuple):
+AnyRenderer: TypeAlias = Renderer[Any]  # for callers that do not handle the backend's pictures
+
+
+class _Compensated(NamedTuple, Generic[Picture]):
     """The drive of the rendered view, its targets, and its steps of refinement."""
 
-    last: Iterate
-    targets: list[Target]
+    last: Iterate[Picture]
+    targets: list[Target[Picture]]
     steps: int
 
     @property
-    def refiner(self) -> Refiner | None:
+    def refiner(self) -> Refiner[Picture] | None:
         """None between views."""
         return self.targets[0].view.refiner if len(self.targets) == 1 else None
 
 
-class _Medium:
+class _Medium(Generic[Picture]):
     """The passes of a format: planes -> linear picture, and its placement in each view."""
 
-    def __init__(self, device: Device, room_views: Sequence[RoomView], pixels: PixelFormat) -> None:
+    def __init__(self, device: Device[Picture], room_views: Sequence[RoomView[Picture]], pixels: PixelFormat) -> None:
         self.pixels, self._owner = pixels, Owner()
         try:
             self.planes = self._owner.own(device.planes(pixels))
@@ -385,10 +393,10 @@ class _Medium:
         self._owner.release()
 
 
-class _Leaving:
+class _Leaving(Generic[Picture]):
     """A medium that fades out while another fades in. `crossfades` has one entry per view."""
 
-    def __init__(self, device: Device, now: "_Medium", before: "_Medium") -> None:
+    def __init__(self, device: Device[Picture], now: "_Medium[Picture]", before: "_Medium[Picture]") -> None:
         self.medium, self._owner = before, Owner()
         try:
             self.crossfades = [
@@ -398,25 +406,30 @@ class _Leaving:
             self.release()
             raise
 
+    def decode(self) -> None:
+        before = self.medium.planes.run()
+        for crossfade in self.crossfades:
+            crossfade.take(before)
+
     def release(self) -> None:
         self._owner.release()
 
 
-class _Moved:
+class _Moved(Generic[Picture]):
     """Maps a drive to the shown drive, for projectors that have moved or changed their light."""
 
-    def __init__(self, device: Device, room: Room, drift: Drift) -> None:
+    def __init__(self, device: Device[Picture], room: Room, drift: Drift) -> None:
         self._owner = Owner()
         own, calibration = self._owner.own, room.calibration
         try:
             self._projectors = own(device.picture(drift.table(calibration.regions)))
-            self._pass = own(device.make_pass("moved.frag", calibration.projector.shape))
+            self._canvas = own(device.canvas(calibration.projector.shape))
         except BaseException:
             self.release()
             raise
 
-    def run(self, drive: Light) -> Light:
-        return self._pass.run(drive=drive, projectors=self._projectors)
+    def run(self, drive: Picture) -> Picture:
+        return self._canvas.draw(MovedDrive(drive, self._projectors))
 
     def release(self) -> None:
         self._owner.release()

@@ -9,57 +9,18 @@ then keeps hue and saturation. One matrix converts to the screen's primaries (BT
 mixed with grey of their luminance until they fit. Shaders and compiled passes read gain(x) from a table over ⁴√x.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.media.frames import PixelFormat
+from counterlight.passes.colour import to_screen
+from counterlight.passes.planes_to_linear import Rendition
 from counterlight.pipeline.adjustments import Adjustments
-from counterlight.pipeline.colour import LUMINANCE, to_screen
 from counterlight.response import PQ_PEAK, TABLE_SIZE, pq_codes, pq_light
 
 FloatArray = NDArray[np.floating]
 UNSAID_PEAK = 1000.0  # cd/m²: BT.2100's reference display, HLG's nominal display, and the usual grading peak of PQ
-LUMINANCE_2020 = (0.2627, 0.6780, 0.0593)
 HLG_RANGE = 400.0, 2000.0  # cd/m², valid range of BT.2100's formula for γ; outside it, γ of the nearer end
-LEAST = 1e-6  # smallest denominator
-
-
-@dataclass(frozen=True, eq=False)
-class Rendition:
-    """The conversion of a picture's light after its transfer curve.
-
-    ootf : γ − 1 of HLG; 0 for none.
-    top : light of the medium's peak; brighter light is treated as equal to it.
-    gain : (samples,). Over ⁴√(light / top), 0..1.
-    matrix : (3, 3). From the medium's primaries to the screen's.
-    """
-
-    ootf: float
-    top: float
-    gain: NDArray[np.float32]
-    matrix: NDArray[np.float64]
-
-    def on_screen(self, light: FloatArray) -> NDArray[np.float64]:
-        """Convert light (…, 3), 1 at the medium's peak, to light with 1 at white, as planes_to_linear.frag does."""
-        if self.ootf:
-            luminance = np.maximum(light @ LUMINANCE_2020, LEAST)
-            light = light * luminance[..., None] ** self.ootf
-        brightest = light.max(axis=-1, keepdims=True)
-        position = np.clip(brightest / self.top, 0, 1) ** 0.25
-        gain = np.interp(position, np.linspace(0, 1, self.gain.size), self.gain)
-        light = light * gain * self.top / np.maximum(brightest, self.top)
-        return within_gamut(light @ self.matrix.T)
-
-
-def within_gamut(linear_rgb: FloatArray) -> NDArray[np.float64]:
-    """Mix each colour with the grey of its luminance, as little as brings every channel into 0..1."""
-    grey = np.clip(linear_rgb @ LUMINANCE, 0, 1)[..., None]
-    least, most = linear_rgb.min(axis=-1, keepdims=True), linear_rgb.max(axis=-1, keepdims=True)
-    low = np.where(least < 0, grey / np.maximum(grey - least, LEAST), 1)
-    high = np.where(most > 1, (1 - grey) / np.maximum(most - grey, LEAST), 1)
-    return np.asarray(np.clip(grey + np.minimum(low, high) * (linear_rgb - grey), 0, 1))
 
 
 def rendition_of(pixels: PixelFormat, adjustments: Adjustments) -> Rendition | None:

@@ -1,13 +1,16 @@
 """The targets of a frame: light in the camera's view, and the drive without compensation."""
 
 from functools import cached_property
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.media.frames import PixelFormat
+from counterlight.passes.desired import Desired, Tone
+from counterlight.passes.drawing import Canvas, Picture
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.device import Adapter, Device, Light, NearLight, Owner, Pass
+from counterlight.pipeline.device import Adapter, Device, NearLight, Owner
 from counterlight.pipeline.fitting import Axes
 from counterlight.pipeline.map_views import MapViews
 from counterlight.pipeline.mixer import Mixer
@@ -16,7 +19,7 @@ from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import card
 
 
-class Request:
+class Request(Generic[Picture]):
     """Places and tones the decoded picture. With neutral settings, the passes skip the tone.
 
     ambient : ambient light in screen primaries.
@@ -26,71 +29,50 @@ class Request:
 
     def __init__(
         self,
-        device: Device,
+        device: Device[Picture],
         room: Room,
-        ambient: Light,
-        maps: MapViews,
-        near_light: NearLight,
-        mixer: Mixer,
+        ambient: Picture,
+        maps: MapViews[Picture],
+        near_light: NearLight[Picture],
+        mixer: Mixer[Picture],
     ) -> None:
         self._device, self._room, self._ambient = device, room, ambient
         self._maps, self._near_light, self._mixer = maps, near_light, mixer
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
         self._owner = Owner()
-        self._adjustments, self._unit, self._level = NEUTRAL, 1.0, 1.0
+        self._adjustments, self._level = NEUTRAL, 1.0
         own = self._owner.own
         try:
-            self._rows, self._defines = mixer.rows, mixer.defines
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
-            self._limits: dict[str, int | None] = {"FULL": None} if room.maps.bounded else {}
-            self._uniforms = mixer.uniforms if room.maps.bounded else {}
-            defines = self._limits | self._defines
-            self._desired = own(device.make_pass("desired.frag", self._camera, defines, **self._uniforms))
-            self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
+            self._desired, self._plain = own(device.canvas(self._camera)), own(device.canvas(self._projector))
         except BaseException:
             self._owner.release()
             raise
 
-    def make(self, pixels: PixelFormat) -> Placed:
+    def make(self, pixels: PixelFormat) -> Placed[Picture]:
         """Return the passes of a format, for `open`; the caller releases them."""
-        return Placed(self._device, self._room, self._mixer, self._axes, pixels)
+        return Placed(self._device, self._room, self._axes, pixels)
 
-    def open(self, placed: Placed | Crossfade, adjustments: Adjustments) -> None:
+    def open(self, placed: Placed[Picture] | Crossfade[Picture], adjustments: Adjustments) -> None:
         """Accept pictures of a format from now on."""
         self.take(placed)
         self._adjustments = NEUTRAL
-        if self._limits:
-            _ = self._maps.full  # made now, so that no frame makes it
+        _ = self._full, self._mixer.rows  # made now, so that no frame makes them
         self.adjust(adjustments)
 
-    def take(self, placed: Placed | Crossfade) -> None:
+    def take(self, placed: Placed[Picture] | Crossfade[Picture]) -> None:
         """Switch to another placing of the same medium."""
-        self._placed, self._unit = placed, placed.unit
-        self._tell_white()
+        self._placed = placed
 
     def fade(self, level: float) -> None:
         """Scale the light: 0 is black, 1 is full."""
         self._level = level
-        self._tell_white()
-
-    def _tell_white(self) -> None:
-        """Set the light of a placed picture's 1 in every pass. Passes with a tone count in shares of white."""
-        white, level = self._room.white, self._level
-        self._desired.set(white=level if self._placed.radiance else level * white)
-        self._plain.set(white=level * self._unit)
-        if self._toned:
-            self._toned_desired.set(white=level * white)
-            self._toned_plain.set(white=level)
 
     def adjust(self, adjustments: Adjustments) -> None:
         previous, self._adjustments = self._adjustments, adjustments
         self._placed.pin(adjustments.corners)
-        self._tell_white()
-        if self._toned:
-            self._toned_desired.set(unit=self._unit, black_level=adjustments.black_level)
-            self._toned_plain.set(unit=self._unit, black_level=adjustments.black_level)
         if adjustments.adapt and (adjustments.adapt, adjustments.black_level) != (previous.adapt, previous.black_level):
-            self._adapter.set(adjustments.adapt, self._unit, adjustments.black_level)
+            self._adapter.set(adjustments.adapt, self._placed.unit, adjustments.black_level)
         if adjustments.card is not None and adjustments.card != previous.card:
             self._device.write(self._card, card(adjustments.card, self._projector))
 
@@ -98,85 +80,81 @@ class Request:
         if self._adjustments.adapt:
             self._adapter.advance(cut=cut, duration_s=duration_s)
 
-    def light(self, picture: Light) -> Light:
+    def light(self, picture: Picture) -> Picture:
         """Return the target b = c − e of a decoded picture, limited to 0..T·1 if the maps bound it."""
-        placed, told = self._placed.in_view(picture), {"ambient": self._ambient, **self._rows}
-        if self._limits:
-            told["full"] = self._maps.full
-        if not self._toned:
-            return self._desired.run(picture=placed, **told)
-        return self._toned_desired.run(picture=placed, tone=self._tone(placed), **told)
+        placed = self._placed.in_view(picture)
+        tone = self._tone(placed) if self._toned else None
+        white = self._white if tone is None else self._level * self._room.white
+        squares = self._mixer.squares if self._room.maps.bounded else None
+        made = Desired(placed, self._ambient, white, tone, self._full, mixed=self._mixer.rows, squares=squares)
+        return self._desired.draw(made)
 
-    def unbounded(self, picture: Light) -> Light:
+    def unbounded(self, picture: Picture) -> Picture:
         """Return c − e without limits, for the views that show errors."""
-        placed, asked = self._placed.in_view(picture), self._toned_unbounded
-        asked.set(white=self._level * self._room.white, unit=self._unit, black_level=self._adjustments.black_level)
-        return asked.run(picture=placed, ambient=self._ambient, tone=self._tone(placed), **self._rows)
+        placed, white = self._placed.in_view(picture), self._level * self._room.white
+        made = Desired(placed, self._ambient, white, self._tone(placed), mixed=self._mixer.rows)
+        return self._unbounded.draw(made)
 
-    def plain(self, picture: Light) -> Light:
+    def plain(self, picture: Picture) -> Picture:
         """Return the drive without compensation: the test card, or the picture fitted to the projector."""
         if self._adjustments.card is not None:
             return self._card
-        placed = self._placed.on_projector(picture)
-        if not self._adjustments.black_level:
-            return self._plain.run(picture=placed, ambient=self._black)
-        return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
+        placed, black, level = self._placed.on_projector(picture), self._adjustments.black_level, self._level
+        if not black:
+            return self._plain.draw(Desired(placed, self._black, level * self._placed.unit, clamp=True))
+        tone = Tone(self._no_tone, self._placed.unit, black)
+        return self._plain.draw(Desired(placed, self._black, level, tone, clamp=True))
 
-    def desired(self, picture: Light) -> NDArray[np.float32]:
+    def desired(self, picture: Picture) -> NDArray[np.float32]:
         """Return c, (camera height, camera width, 3), in screen primaries."""
         if self._toned or self._placed.pinned:
             return self._device.read(self._mixer.on_screen(self.unbounded(picture)), np.float32) + self._room.ambient
-        white = self._level * (1.0 if self._placed.radiance else self._room.white)
-        return np.float32(white) * self._device.read(self._placed.in_view(picture), np.float32)
+        return np.float32(self._white) * self._device.read(self._placed.in_view(picture), np.float32)
 
     def release(self) -> None:
         self._owner.release()
 
-    def _tone(self, placed: Light) -> Light:
-        return self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
+    def _tone(self, placed: Picture) -> Tone[Picture]:
+        tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
+        return Tone(tone, self._placed.unit, self._adjustments.black_level)
+
+    @property
+    def _white(self) -> float:
+        """Light of a placed picture's 1. With a tone, pictures count in shares of white instead."""
+        return self._level * (1.0 if self._placed.radiance else self._room.white)
 
     @property
     def _toned(self) -> bool:
         return bool(self._adjustments.adapt or self._adjustments.black_level)
 
+    @property
+    def _full(self) -> Picture | None:
+        return self._maps.full if self._room.maps.bounded else None
+
     @cached_property
-    def _axes(self) -> Axes | None:
+    def _axes(self) -> Axes[Picture] | None:
         screen = self._room.calibration.screen
         return None if screen is None else self._owner.own(Axes(self._device, screen))
 
     @cached_property
-    def _adapter(self) -> Adapter:
+    def _adapter(self) -> Adapter[Picture]:
         near_light, mixer = self._near_light, self._mixer
         adapter = self._owner.own(
             self._device.adapter(
                 lambda light: near_light(mixer.asked(light)), self._ambient, self._maps.most, self._room.white
             )
         )
-        adapter.set(self._adjustments.adapt, self._unit, self._adjustments.black_level)
+        adapter.set(self._adjustments.adapt, self._placed.unit, self._adjustments.black_level)
         return adapter
 
     @cached_property
-    def _toned_desired(self) -> Pass:
-        return self._make_toned(self._limits, **self._uniforms)
+    def _unbounded(self) -> Canvas[Picture]:
+        return self._owner.own(self._device.canvas(self._camera))
 
     @cached_property
-    def _toned_unbounded(self) -> Pass:
-        return self._make_toned({})
-
-    def _make_toned(self, defines: dict[str, int | None], **uniforms: NDArray[np.float32]) -> Pass:
-        told, white = {"TONE": None, **self._defines, **defines}, self._room.white
-        return self._owner.own(self._device.make_pass("desired.frag", self._camera, told, white=white, **uniforms))
-
-    @cached_property
-    def _toned_plain(self) -> Pass:
-        return self._owner.own(
-            self._device.make_pass("desired.frag", self._projector, {"TONE": None, "CLAMP": None}, white=1.0)
-        )
-
-    @cached_property
-    def _no_tone(self) -> Light:
+    def _no_tone(self) -> Picture:
         return self._owner.own(self._device.picture(np.array([[[1, 0, 0]]], np.float32)))
 
     @cached_property
-    def _card(self) -> Light:
+    def _card(self) -> Picture:
         return self._owner.own(self._device.picture(np.zeros((*self._projector, 3), np.float32)))

@@ -5,9 +5,11 @@ time (view_blend.py).
 """
 
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
-from counterlight.pipeline.device import ChainPass, Device, Light, Operation, Owner, StoredMaps
+from counterlight.passes.drawing import Picture
+from counterlight.passes.product import Combining
+from counterlight.pipeline.device import ChainPass, Device, Owner, Product, StoredMaps
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.refiner import Refiner
@@ -15,7 +17,7 @@ from counterlight.pipeline.request import Request
 from counterlight.pipeline.room import Room
 
 
-class RoomView:
+class RoomView(Generic[Picture]):
     """The maps and passes of one view.
 
     refiner : None without the maps of refinement.
@@ -23,22 +25,22 @@ class RoomView:
     views : draws the maps that can be shown.
     """
 
-    def __init__(self, device: Device, room: Room) -> None:
+    def __init__(self, device: Device[Picture], room: Room) -> None:
         self.room, self._owner = room, Owner()
-        self._guesses: dict[tuple[str, bool], Guess] = {}
+        self._guesses: dict[tuple[str, bool], Guess[Picture]] = {}
         try:
             self._build(device)
         except BaseException:
             self.release()
             raise
 
-    def _build(self, device: Device) -> None:
+    def _build(self, device: Device[Picture]) -> None:
         own, maps = self._owner.own, self.room.maps
         ambient = own(device.picture(self.room.ambient))
         self.stored = own(device.store(self.room))
         undo = None if maps.undo is None else own(ChainPass(self.stored, maps.undo, "SUBTRACT_FROM_BASE"))
         self.near_light = NearLight(undo)
-        self.refiner = None
+        self.refiner: Refiner[Picture] | None = None
         if maps.refinement is not None:
             self.refiner = own(Refiner(device, self.stored, maps.refinement))
         mixer = own(Mixer(device, self.room))
@@ -47,53 +49,57 @@ class RoomView:
         self.request = own(Request(device, self.room, ambient, self.views, self.near_light, mixer))
 
     @cached_property
-    def observers(self) -> list[Observer]:
+    def observers(self) -> list[Observer[Picture]]:
         """Two observers, for the shown drive and for a second drive, made when a camera view is first shown."""
         return [self._owner.own(self._make_observer()) for _ in range(2)]
 
-    def guess(self, of: str, *, clamp: bool) -> "Guess":
+    def guess(self, of: str, *, clamp: bool) -> "Guess[Picture]":
         """Return a function from b to a drive without steps, made on first use.
 
         of : "map" for T⁺ b of the near light; "direct" for the camera pixel that each projector pixel lights most.
         clamp : whether the drive is limited to 0..1.
         """
         if (of, clamp) not in self._guesses:
-            self._guesses[of, clamp] = self._owner.own(Guess(self.stored, self.near_light, of, "CLAMP" * clamp))
+            self._guesses[of, clamp] = self._owner.own(
+                Guess(self.stored, self.near_light, of, "CLAMP" if clamp else "")
+            )
         return self._guesses[of, clamp]
 
     def release(self) -> None:
         self._owner.release()
 
 
-class Target(NamedTuple):
+class Target(NamedTuple, Generic[Picture]):
     """The target b of one view for a frame, and the view's share in the drive. All shares sum to 1."""
 
     share: float
-    view: RoomView
-    b: Light
+    view: RoomView[Picture]
+    b: Picture
 
 
-class NearLight:
+class NearLight(Generic[Picture]):
     """Removes the far light of the compensated picture from b."""
 
-    def __init__(self, undo: ChainPass | None) -> None:
+    def __init__(self, undo: ChainPass[Picture] | None) -> None:
         self._undo = undo
 
-    def __call__(self, b: Light) -> Light:
+    def __call__(self, b: Picture) -> Picture:
         return b if self._undo is None else self._undo.run(b, b)
 
 
-class Guess:
+class Guess(Generic[Picture]):
     """Maps b to a drive by one product. The product is built on the first call, because steps may start without it.
 
     combine : "", or "CLAMP" to limit the drive to 0..1.
     """
 
-    def __init__(self, stored: StoredMaps, near_light: NearLight, of: str, combine: str = "") -> None:
+    def __init__(
+        self, stored: StoredMaps[Picture], near_light: NearLight[Picture], of: str, combine: Combining = ""
+    ) -> None:
         self._stored, self._near_light, self._of, self._combine = stored, near_light, of, combine
-        self._product: Operation | None = None
+        self._product: Product[Picture] | None = None
 
-    def __call__(self, b: Light) -> Light:
+    def __call__(self, b: Picture) -> Picture:
         maps = self._stored.room.maps
         if self._product is None:
             assert self._of == "map" or maps.refinement is not None

@@ -5,35 +5,14 @@ medium's own curve and primaries. Type conversion: the output codes are those of
 mapped again.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from counterlight.files.cube import Cube
 from counterlight.media.frames import PixelFormat
+from counterlight.passes.colour import decoding_of
+from counterlight.passes.planes_to_linear import Signal
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
-from counterlight.pipeline.colour import Decoding, decoding_of
-from counterlight.pipeline.rendition import Rendition, rendition_of
+from counterlight.pipeline.rendition import rendition_of
 from counterlight.response import transfer_table
-
-
-@dataclass(frozen=True, eq=False)
-class Signal:
-    """The parameters of planes_to_linear.
-
-    decoding : decoding of the samples.
-    lift : added to every code.
-    lut : table applied to codes within 0..1 before the transfer; None for none.
-    transfer : (samples,). Light over the code 0..1.
-    rendition : conversion of the light; None if the light is the screen's own.
-    """
-
-    decoding: Decoding
-    lift: float
-    lut: Cube | None
-    transfer: NDArray[np.float32]
-    rendition: Rendition | None
 
 
 def signal_of(pixels: PixelFormat, adjustments: Adjustments = NEUTRAL) -> Signal | None:

@@ -17,9 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.prior import pull
 from counterlight.maps.room_maps import RoomMaps
+from counterlight.passes.certificate import block_sum
 from counterlight.pipeline.operators import prepared
-from counterlight.pipeline.reference import block_sum, pull
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.pipeline.squares import (
     MOST_STEPS,

@@ -7,7 +7,7 @@ from functools import partial
 
 from counterlight.errors import InputError
 from counterlight.pipeline.refinement import Certificate
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.show.governor import Governor
 from counterlight.show.lookup import LookUp
@@ -42,12 +42,12 @@ class Appraisal:
         """Whether a remote has asked within the last ASKED_S."""
         return self._clock() - self._asked_at < ASKED_S
 
-    def certify(self, renderer: Renderer, max_age_s: float) -> None:
+    def certify(self, renderer: AnyRenderer, max_age_s: float) -> None:
         """Measure the certificate again if the present certificate is older than `max_age_s`."""
         if self._clock() - self._measured_at >= max_age_s:
             self.certificate, self._measured_at = renderer.certificate(), self._clock()
 
-    def look(self, renderer: Renderer) -> None:
+    def look(self, renderer: AnyRenderer) -> None:
         """Start an estimate of the rendered picture, unless an estimate runs or the last one began too recently."""
         if self._running is not None or self._clock() < self._next_at:
             return
@@ -74,7 +74,7 @@ class Appraisal:
             self._next_at = max(self._next_at, 2 * self._clock() - self._began_at)
             governor.judged(found)
 
-    def conclude(self, renderer: Renderer) -> None:
+    def conclude(self, renderer: AnyRenderer) -> None:
         """Wait up to LAST_S for an estimate at the end of the show, if there is none yet."""
         if self.shortfall is None:
             self._next_at = float("-inf")

@@ -3,14 +3,13 @@
 import sys
 
 from counterlight.command import tell
+from counterlight.passes import kernel
+from counterlight.pipeline import cpu_renderer  # noqa: F401  # imports every pass
 
 
 def compile_passes() -> None:
     """Compile the passes of `--backend cpu`, and keep them for later processes if a folder is writable."""
-    # Imported late, because Numba takes half a second. The renderer imports every module with passes.
-    from counterlight.pipeline import compiled, cpu_renderer  # noqa: F401
-
-    how = "once" if compiled.is_kept() else "at every start, since no folder can be written (set NUMBA_CACHE_DIR)"
+    how = "once" if kernel.is_kept() else "at every start, since no folder can be written (set NUMBA_CACHE_DIR)"
     said = None
 
     def say(left: int) -> None:
@@ -19,4 +18,4 @@ def compile_passes() -> None:
             tell(f"compiling for this processor, {how}: {left} passes left", sys.stdout)
         said = left
 
-    compiled.prepare(say)
+    kernel.prepare(say)

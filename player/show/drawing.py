@@ -2,13 +2,20 @@
 
 import time
 
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.governor import Governor
 from counterlight.show.stats import Stats
 
 
 def draw(
-    renderer: Renderer, governor: Governor, stats: Stats, view: str, *, compensate: bool, frame: int, timed: bool = True
+    renderer: AnyRenderer,
+    governor: Governor,
+    stats: Stats,
+    view: str,
+    *,
+    compensate: bool,
+    frame: int,
+    timed: bool = True,
 ) -> int:
     """Render the uploaded frame, report its times to the governor and the statistics, and return its steps.
 

@@ -15,7 +15,7 @@ from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.device import BACKENDS, EVERYWHERE, GpuPath
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.compiling import compile_passes
@@ -34,7 +34,7 @@ ENDLESS = 1 << 62  # stands for an unknown number of frames
 
 
 @contextmanager
-def headless_renderer(backend: str, room: Room, path: GpuPath = EVERYWHERE) -> Iterator[Renderer]:
+def headless_renderer(backend: str, room: Room, path: GpuPath = EVERYWHERE) -> Iterator[AnyRenderer]:
     """Yield a renderer without a window, and release it at the end.
 
     "auto" chooses OpenGL if a GPU runs it, otherwise the CPU, because software OpenGL is slower (docs/gpu.md). The
@@ -87,7 +87,7 @@ def _opengl(stack: ExitStack, *, chosen: bool) -> Any:
     return None
 
 
-def _on_the_processor(room: Room) -> Renderer:
+def _on_the_processor(room: Room) -> AnyRenderer:
     compile_passes()
     from counterlight.pipeline.cpu_renderer import CpuRenderer
 
@@ -96,7 +96,7 @@ def _on_the_processor(room: Room) -> Renderer:
 
 def render_to_file(
     reader: MediaReader,
-    renderer: Renderer,
+    renderer: AnyRenderer,
     room: Room,
     output: Path,
     view: str,
@@ -175,7 +175,7 @@ class _Drawing:
     """
 
     def __init__(
-        self, renderer: Renderer, room: Room, governor: Governor, shown: Mapping[str, Any], *, still: bool
+        self, renderer: AnyRenderer, room: Room, governor: Governor, shown: Mapping[str, Any], *, still: bool
     ) -> None:
         self._renderer, self._room, self._governor, self._shown, self._still = renderer, room, governor, shown, still
         self._steps = 0

@@ -15,7 +15,7 @@ from counterlight.pipeline.content import psnr
 from counterlight.pipeline.drift import read_drift
 from counterlight.pipeline.placement import Corners, corners_of, place, write_placement
 from counterlight.pipeline.refinement import Certificate
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.raster import Region
@@ -34,7 +34,7 @@ class RoomInUse:
     """
 
     def __init__(
-        self, folder: Path, room: Room, read: Callable[[], Room], make_renderer: Callable[[Room], Renderer]
+        self, folder: Path, room: Room, read: Callable[[], Room], make_renderer: Callable[[Room], AnyRenderer]
     ) -> None:
         self._folder, self._room, self._read, self._make_renderer = folder, room, read, make_renderer
         self._survey: tuple[Room, Survey] | None = None
@@ -83,7 +83,7 @@ class RoomInUse:
         found = [read_drift(calibration.read(folder)) for folder in calibrations_in(self._folder)]
         return any(each is not None and each.changes for each in (*found, *(view.drift for view in self._room.views)))
 
-    def reload(self) -> Renderer:
+    def reload(self) -> AnyRenderer:
         """Read the maps and make a renderer. Raises InputError if the projector's size has changed."""
         fresh, before = self._read(), self._room.calibration.regions
         regions = fresh.calibration.regions

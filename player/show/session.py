@@ -19,7 +19,7 @@ from counterlight.memory import give_back
 from counterlight.overlay.osd import Message, Page
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.refinement import Certificate
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
 from counterlight.show.display import Display
 from counterlight.show.drawing import draw
@@ -106,7 +106,7 @@ class Session:
         self,
         playlist: Playlist,
         opener: Media,
-        renderer: Renderer,
+        renderer: AnyRenderer,
         display: Display,
         room: RoomInUse,
         *,
@@ -133,7 +133,7 @@ class Session:
         self._outside = room.stand(self.adjustments.viewpoint)
         self.audio, self._hearing = sound.output, Hearing(sound.output, sound.silence, self.notice)
         self._lasting, self._unattended = lasting, unattended
-        self._incoming: Renderer | None = None
+        self._incoming: AnyRenderer | None = None
         self._draws = self._steps_made = 0
         self.rendered_view, self._steps_drawn, self._redraws = self.view, 0, 0
         self._changed = self._uploaded = self._uncovered = False
@@ -436,7 +436,7 @@ class Session:
             renderer.adjust(self.adjustments)
         self._pixels = pixels
 
-    def replace_renderer(self, renderer: Renderer) -> None:
+    def replace_renderer(self, renderer: AnyRenderer) -> None:
         """Switch to another renderer once it has a frame to show. The picture on the screen stays until then."""
         try:
             if self._pixels is not None:
@@ -504,7 +504,7 @@ class Session:
         if advice is not None:
             self.notice(advice)
 
-    def _took_over(self, incoming: Renderer, frame: Frame) -> bool:
+    def _took_over(self, incoming: AnyRenderer, frame: Frame) -> bool:
         """Try to draw a frame with the reloaded renderer. Returns whether it has replaced the old renderer."""
         self._incoming = None
         try:

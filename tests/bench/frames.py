@@ -19,14 +19,12 @@ from counterlight.gl.passes import picture_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
-from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
+from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack, unpack
 from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.device import GpuPath, StoredMap
-from counterlight.pipeline.reference import PreparedRows
-from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
@@ -34,6 +32,7 @@ from counterlight.tools.inverse.words_fit import fit
 from counterlight.tools.inverse.words_light import small_map
 from counterlight.tools.shipped import CLIP
 from tests.bench.rows import REPEATS, WARM_UP, median_ms
+from tests.oracles.renderer import ReferenceRenderer
 
 PROJECTOR, CAMERA = (384, 512), (480, 640)
 HD, FULL_HD = (720, 1280), (1080, 1920)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from counterlight.media.frames import radiance_frame
+from counterlight.pipeline.device import GpuPath
 from counterlight.pipeline.room import Room
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.build import build_maps
@@ -15,8 +16,10 @@ from tests.renderers import both
 ATOL = 1e-5  # as for the other drives
 
 
-@pytest.mark.parametrize("path", ["fragment", "compute", "auto"])
-def test_steps_and_views_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator, path: str) -> None:
+@pytest.mark.parametrize("path", [GpuPath("fragment"), GpuPath("compute"), GpuPath("auto", "auto")], ids=str)
+def test_steps_and_views_equal_their_twins(
+    gl_context: moderngl.Context, rng: np.random.Generator, path: GpuPath
+) -> None:
     T = in_blocks(discs(rng, 6.0))
     made = build_maps(tier_of(calibrated(T), T), InverseOptions())
     room = Room(made.calibration, made.maps, made.maps.white, start="previous-direct")

@@ -8,9 +8,9 @@ from counterlight.gl.renderer import GlRenderer
 from counterlight.media.frames import Frame, radiance_frame
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference_renderer import ReferenceRenderer
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from tests.gl_objects import live_objects
+from tests.oracles.renderer import ReferenceRenderer
 from tests.rooms import CAMERA, random_room, rgb_frame, yuv_frame
 
 ATOL = 1e-5  # float32 sums of at most a few hundred terms of small size
@@ -19,7 +19,7 @@ PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
 VIEWS = "projector", "camera", "error", "split"
 
 
-def crossing(renderer: Renderer, before: Frame, now: Frame, adjustments: Adjustments = NEUTRAL) -> Renderer:
+def crossing(renderer: AnyRenderer, before: Frame, now: Frame, adjustments: Adjustments = NEUTRAL) -> AnyRenderer:
     """Crossfade between two frames, with WEIGHT of the first left, and both darkened."""
     renderer.open(before.format)
     renderer.adjust(adjustments)

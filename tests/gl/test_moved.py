@@ -6,11 +6,13 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight.gl.passes import Pass, float_texture, picture_texture
-from counterlight.pipeline.drift import Drift, Moved, moved
+from counterlight.passes.moved import MovedDrive
+from counterlight.pipeline.cpu_renderer import CpuCanvas
+from counterlight.pipeline.drift import Drift, Moved
 from counterlight.raster import Region
 from tests.drifted_rooms import moved_by
-from tests.renderers import both, read
+from tests.oracles.formulas import moved
+from tests.renderers import both, on_gpu
 from tests.rooms import random_room, yuv_frame
 
 REGIONS = Region(0, 0, 13, 7), Region(13, 0, 11, 5), Region(24, 0, 4, 7), Region(0, 7, 12, 6)
@@ -27,12 +29,10 @@ def some(rng: np.random.Generator, reach: float) -> Moved:
 def test_the_pass_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, reach: float) -> None:
     drive = rng.uniform(0, 1, (14, 28, 3)).astype(np.float32)
     table = Drift(tuple(some(rng, reach) for _ in REGIONS)).table(REGIONS)
-    step = Pass(gl_context, "moved.frag", float_texture(gl_context, (14, 28)))
-    inputs = picture_texture(gl_context, drive), picture_texture(gl_context, table)
-    result = read(step.run(drive=inputs[0], projectors=inputs[1]))
-    for resource in (step, *inputs):
-        resource.release()
-    np.testing.assert_allclose(result, moved(drive, table), atol=ATOL)
+    made = MovedDrive(drive, table)
+    result = on_gpu(gl_context, made, (14, 28))
+    for expected in (moved(drive, table), CpuCanvas((14, 28)).draw(made)):
+        np.testing.assert_allclose(result, expected, atol=ATOL)
 
 
 def test_the_chain_equals_its_twin_and_identity_is_left_out(

@@ -14,10 +14,9 @@ from counterlight.gl import gpu_maps, paths
 from counterlight.gl.gpu_maps import MapBuffers, MapTextures, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
-from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.device import GpuPath, Owner, StoredMap
-from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import STARTS
 from counterlight.tools import build_correction_map
 from tests.refined_rooms import physical_room

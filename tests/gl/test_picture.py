@@ -9,23 +9,25 @@ import pytest
 
 from counterlight.files.cube import read_cube
 from counterlight.gl import shaders
-from counterlight.gl.adaptation import Adapter
 from counterlight.gl.device import GlDevice
 from counterlight.gl.gpu_maps import MapTextures
-from counterlight.gl.passes import Pass, float_texture, picture_texture, table_texture
+from counterlight.gl.passes import ShaderPass, float_texture, picture_texture, table_texture
 from counterlight.gl.planes import Planes
 from counterlight.gl.renderer import GlRenderer
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
-from counterlight.pipeline import adaptation, reference
+from counterlight.passes.adaptation import Limits
+from counterlight.passes.colour import decoding_of
+from counterlight.passes.reach import Reach
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.content import approach
+from counterlight.pipeline.cpu_renderer import CpuCanvas
 from counterlight.pipeline.fitting import Fitter
 from counterlight.pipeline.test_cards import CARDS, card
 from counterlight.pipeline.views import VIEWS
 from tests.cubes import UNIT, write_cube
 from tests.gl_objects import live_objects
+from tests.oracles import adaptation
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_room, rgb_frame, yuv_frame
@@ -198,10 +200,11 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
     shape, white, share = (301, 523), 0.7, 0.02
     ambient = rng.uniform(0, 0.2, (*shape, 3)).astype(np.float32)
     seen = np.repeat(rng.uniform(0.3, 1, (*shape, 1)), 3, axis=2).astype(np.float32)
-    most = reference.reach_of(seen, 0 * seen, rng.uniform(size=shape) < 0.9).astype(np.float32)
+    most = CpuCanvas(shape, 4).draw(Reach(seen, 0 * seen, (rng.uniform(size=shape) < 0.9).astype(np.float32)))
     textures = picture_texture(gl_context, ambient), float_texture(gl_context, shape, most)
-    adapter = Adapter(gl_context, lambda b: b, *textures, white)
-    limits = adaptation.Limits(np.ones_like(ambient), ambient, ambient, most)
+    device = GlDevice(gl_context)
+    adapter = device.adapter(lambda b: b, *textures, white)
+    limits = Limits(np.ones_like(ambient), ambient, ambient, most)
     adapter.set(100 * share, 1.0, 0.0)
     expected: list[np.ndarray] = []
     for power in (1.0, 3.0):
@@ -215,7 +218,7 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
         np.testing.assert_allclose(found, expected[-1], atol=ATOL)
         assert 0.3 < found[0] < 0.95
         assert 0 < found[1] < 0.2
-    for resource in (adapter, *textures):
+    for resource in (adapter, *textures, device):
         resource.release()
 
 
@@ -241,17 +244,15 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
         patch.setattr(Planes, "adjust", lambda self, picture: None)
         decoder = Planes(gl_context, frame.format)
     decoder._pass.set(to_rgb=tuple(decoding_of(frame.format).to_rgb.T.ravel()))
-    fitter, ambient = (
-        Fitter(GlDevice(gl_context), frame.format, CAMERA),
-        picture_texture(gl_context, room.calibration.ambient),
-    )
-    asked = Pass(gl_context, "desired.frag", float_texture(gl_context, CAMERA), {"FULL": None}, white=room.white)
+    device = GlDevice(gl_context)
+    fitter, ambient = Fitter(device, frame.format, CAMERA), picture_texture(gl_context, room.calibration.ambient)
+    asked = ShaderPass(gl_context, "desired.frag", float_texture(gl_context, CAMERA), {"FULL": None}, white=room.white)
     full = float_texture(gl_context, CAMERA, limits)
     textures = MapTextures(gl_context, room.maps.correction)
     correct = textures.product("CLAMP")
     table = table_texture(gl_context, room.calibration.projectors[0].response.inverse_table())
     target = gl_context.texture(PROJECTOR[::-1], 4, dtype="f1")
-    encode = Pass(gl_context, "encode.frag", target, {"DITHER_NOISE": None}, scale=1.0, highest=255, frame=7)
+    encode = ShaderPass(gl_context, "encode.frag", target, {"DITHER_NOISE": None}, scale=1.0, highest=255, frame=7)
     decoder.upload(frame.planes)
     placed = fitter.run(decoder.run())
     drive = correct.run(asked.run(picture=placed, ambient=ambient, full=full))
@@ -259,7 +260,7 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     assert read(drive).tobytes() == found
     assert read(target, np.uint8).tobytes() == codes
     assert (np.float32(room.white) * read(placed)).tobytes() == desired
-    for resource in (decoder, fitter, ambient, full, asked, textures, correct, table, encode):
+    for resource in (decoder, fitter, ambient, full, asked, textures, correct, table, encode, device):
         resource.release()
 
 

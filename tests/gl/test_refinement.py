@@ -6,39 +6,23 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture
+from counterlight.gl.passes import Canvas, Programs, float_texture, picture_texture
 from counterlight.maps.prior import Prior
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
-from counterlight.pipeline import reference
+from counterlight.passes.certificate import BlockSum, Gap, Weighted, block_sum
+from counterlight.passes.combine import Combine
+from counterlight.passes.refinement_step import Slope, Step, Ties
+from counterlight.pipeline.cpu_renderer import CpuCanvas
 from counterlight.pipeline.refinement import STARTS, Certificate
 from counterlight.pipeline.room import Room
+from tests.oracles import formulas
 from tests.refined_rooms import physical_room
-from tests.renderers import both, read
+from tests.renderers import both, on_gpu, read
 from tests.rooms import CAMERA, random_room, rgb_frame
 
 ATOL = 1e-5  # the bound of the requirement
 SHAPE = (37, 21)
-
-
-def run(
-    context: moderngl.Context,
-    shader: str,
-    shape: tuple[int, int],
-    inputs: dict[str, np.ndarray],
-    defines: dict[str, int | None] | None = None,
-    **uniforms: float,
-) -> np.ndarray:
-    """Draw one shader once over float32 pictures."""
-    textures = {
-        name: integer_texture(context, picture) if picture.dtype == np.uint32 else picture_texture(context, picture)
-        for name, picture in inputs.items()
-    }
-    step = Pass(context, shader, float_texture(context, shape), defines, **uniforms)
-    result = read(step.run(**textures))
-    for resource in (step, *textures.values()):
-        resource.release()
-    return result
 
 
 def pictures(rng: np.random.Generator, *names: str) -> dict[str, np.ndarray]:
@@ -47,52 +31,54 @@ def pictures(rng: np.random.Generator, *names: str) -> dict[str, np.ndarray]:
 
 def test_combine_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     inputs = pictures(rng, "first", "second")
-    for clamp, defines in ((False, None), (True, {"CLAMP": None})):
-        result = run(gl_context, "combine.frag", SHAPE, inputs, defines, factor=-0.75)
-        expected = reference.combine(inputs["first"], inputs["second"], -0.75, clamp=clamp)
-        np.testing.assert_allclose(result, expected, atol=1e-6)  # float32
+    for clamp in (False, True):
+        made = Combine(*inputs.values(), -0.75, clamp)
+        result = on_gpu(gl_context, made, SHAPE)
+        for expected in (formulas.combine(made.first, made.second, -0.75, clamp=clamp), CpuCanvas(SHAPE).draw(made)):
+            np.testing.assert_allclose(result, expected, atol=1e-6)  # float32
 
 
 def test_a_step_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     inputs = pictures(rng, "descent", "y", "p", "step_size")
     prior = a_prior(rng)
     inputs["step_size"] = np.where(rng.uniform(size=(*SHAPE, 3)) < 0.3, 0, np.abs(inputs["step_size"]))
-    expected = reference.refinement_step(
-        *(inputs[name] for name in ("descent", "y", "p", "step_size")), prior, 0.7, 0.6
-    )
+    expected = formulas.refinement_step(*(inputs[name] for name in ("descent", "y", "p", "step_size")), prior, 0.7, 0.6)
     assert all(0 < np.mean(expected[0] == bound) < 0.9 for bound in (0, 1))
-    textures = {name: picture_texture(gl_context, picture) for name, picture in (inputs | vars(prior)).items()}
-    targets = [float_texture(gl_context, SHAPE) for _ in range(2)]
-    framebuffer = gl_context.framebuffer(targets)
-    step = ScreenPass(gl_context, "refinement_step.frag", uniforms={"momentum": 0.7, "over_relaxation": 0.6})
-    framebuffer.use()
-    step.draw(**textures)
-    results = [read(target) for target in targets]
-    gl_context.detect_framebuffer(0).use()
-    for resource in (step, framebuffer, *targets, *textures.values()):
+    textures, ties = (
+        {name: picture_texture(gl_context, picture) for name, picture in group.items()}
+        for group in (inputs, vars(prior))
+    )
+    programs = Programs(gl_context)
+    canvas = Canvas(gl_context, programs, *(float_texture(gl_context, SHAPE) for _ in range(2)))
+    canvas.draw(Step(**textures, prior=Ties(**ties), momentum=0.7, over_relaxation=0.6))
+    results = [read(picture) for picture in canvas.pictures]
+    for resource in (canvas, programs, *textures.values(), *ties.values()):
         resource.release()
-    for result, twin in zip(results, expected, strict=True):
-        np.testing.assert_allclose(result, twin, atol=1e-5)  # float32, sums of terms up to 15
+    compiled = [np.zeros((*SHAPE, 3), np.float32) for _ in range(2)]
+    Step(**inputs, prior=Ties(**vars(prior)), momentum=0.7, over_relaxation=0.6).fill_both(*compiled, draws=True)
+    for result, cpu, formula in zip(results, compiled, expected, strict=True):
+        np.testing.assert_allclose(result, formula, atol=1e-5)  # float32, sums of terms up to 15
+        np.testing.assert_allclose(cpu, formula, atol=1e-5)
 
 
 def test_the_gap_and_the_error_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     inputs = pictures(rng, "descent", "p")
     inputs["p"] = np.clip(inputs["p"], 0, 1)
-    result = run(gl_context, "gap.frag", SHAPE, inputs)
-    np.testing.assert_allclose(result, reference.gap_terms(**inputs), atol=1e-6)  # float32
+    result = on_gpu(gl_context, Gap(**inputs), SHAPE)
+    np.testing.assert_allclose(result, CpuCanvas(SHAPE).draw(Gap(**inputs)), atol=1e-6)  # float32
     assert result.min() >= 0
     weighed = pictures(rng, "picture", "weights")
-    for squared, defines in ((False, None), (True, {"SQUARED": None})):
-        result = run(gl_context, "weighted.frag", SHAPE, weighed, defines)
-        np.testing.assert_allclose(
-            result, reference.weighted(**weighed, squared=squared), atol=4e-6
-        )  # float32, up to 8
+    for squared in (False, True):
+        made = Weighted(**weighed, squared=squared)
+        result = on_gpu(gl_context, made, SHAPE)
+        np.testing.assert_allclose(result, CpuCanvas(SHAPE).draw(made), atol=4e-6)  # float32, up to 8
 
 
 def test_the_slope_beside_a_prior_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    inputs = pictures(rng, "descent", "y") | vars(a_prior(rng))
-    result = run(gl_context, "refinement_step.frag", SHAPE, inputs, {"SLOPE": None})
-    np.testing.assert_allclose(result, reference.against_gradient(**inputs), atol=1e-5)  # float32, terms up to 15
+    inputs, prior = pictures(rng, "descent", "y"), a_prior(rng)
+    made = Slope(**inputs, prior=Ties(**vars(prior)))
+    result = on_gpu(gl_context, made, SHAPE)
+    np.testing.assert_allclose(result, CpuCanvas(SHAPE).draw(made), atol=1e-5)  # float32, terms up to 15
 
 
 @pytest.mark.parametrize("steps", [0, 3])
@@ -131,8 +117,8 @@ def seen(
 def test_a_block_sum_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, side: int) -> None:
     inputs = pictures(rng, "source")
     shape = -(-SHAPE[0] // side), -(-SHAPE[1] // side)
-    result = run(gl_context, "block_sum.frag", shape, inputs, {"SIDE": side})
-    expected = reference.block_sum(inputs["source"].astype(float), side)
+    result = on_gpu(gl_context, BlockSum(inputs["source"], side), shape)
+    expected = block_sum(inputs["source"].astype(float), side)
     np.testing.assert_allclose(result, expected, atol=1e-3)  # float32 sums of up to 777 terms
     np.testing.assert_allclose(expected.sum(axis=(0, 1)), inputs["source"].sum(axis=(0, 1), dtype=float))
 

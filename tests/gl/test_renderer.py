@@ -9,17 +9,16 @@ import pytest
 from counterlight.errors import InputError
 from counterlight.gl.device import GlDevice
 from counterlight.gl.gpu_maps import MapTextures
-from counterlight.gl.passes import Pass, float_texture, table_texture
+from counterlight.gl.passes import ShaderPass, float_texture, table_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.shaders import ShaderError, build_program
-from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline import encoding, reference
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference import PreparedRows
-from counterlight.pipeline.reference_renderer import ReferenceDevice
 from counterlight.pipeline.room import DITHERS
 from counterlight.response import parse_response
+from tests.oracles import encoding, formulas
+from tests.oracles.renderer import ReferenceDevice
 from tests.renderers import both, read
 from tests.rooms import (
     CAMERA,
@@ -205,7 +204,7 @@ def test_encoding_equals_its_twin(
     defines = {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
     highest = 2**bits - 1
     target = gl_context.texture((23, 17), 4, dtype="f4")
-    step = Pass(gl_context, "encode.frag", target, defines, scale=1.0, highest=highest)
+    step = ShaderPass(gl_context, "encode.frag", target, defines, scale=1.0, highest=highest)
     if dither == "noise":
         step.set(frame=77)
     resources = upload(gl_context, light), table_texture(gl_context, table)
@@ -247,7 +246,8 @@ def test_projectors_in_two_rows_are_encoded_as_the_twin_does(
 ) -> None:
     drive = rng.uniform(0, 1, (10, 13, 3)).astype(np.float32)
     light = upload(gl_context, drive)
-    encoder = GlDevice(gl_context).encoder((10, 13), in_two_rows(), 1.0, "ordered")
+    device = GlDevice(gl_context)
+    encoder = device.encoder((10, 13), in_two_rows(), 1.0, "ordered")
     result = read(encoder.run(light, 5), np.uint8)
     for resource in (encoder, light):
         resource.release()
@@ -267,7 +267,7 @@ def test_dithering_keeps_the_mean_and_the_ends(dither: str) -> None:
 
 
 def test_a_resampled_constant_stays_constant_and_letterboxes_are_black(rng: np.random.Generator) -> None:
-    placed = reference.resample(np.full((40, 30, 3), 0.7), (20, 50), (17, 0, 15, 20))
+    placed = formulas.resample(np.full((40, 30, 3), 0.7), (20, 50), (17, 0, 15, 20))
     np.testing.assert_allclose(placed[:, 17:32], 0.7, atol=1e-12)  # weights sum to 1
     assert placed[:, :17].max() == placed[:, 32:].max() == 0
 

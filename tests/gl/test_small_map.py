@@ -16,7 +16,7 @@ from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.device import GpuPath, Owner
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from tests.refined_rooms import physical_room
 from tests.renderers import read
@@ -93,7 +93,7 @@ def test_no_row_reads_another_pixel(gl_context: moderngl.Context, rng: np.random
     np.testing.assert_allclose(result, combined(small, finite, base, ""), atol=ATOL)
 
 
-def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> Iterator[Renderer]:
+def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> Iterator[AnyRenderer]:
     """Yield the room rendered from words, then from equal 16-byte entries on the CPU, both after `steps` steps."""
     twin = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
     frame = radiance_frame(np.random.default_rng(5).choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from counterlight.gl.device import GlDevice
-from counterlight.pipeline import encoding
-from counterlight.pipeline.reference_renderer import ReferenceDevice
 from counterlight.pipeline.small_pictures import LONGEST, SmallPicture
 from counterlight.pipeline.views import VIEWS
 from counterlight.response import Response
+from tests.oracles import encoding
+from tests.oracles.renderer import ReferenceDevice
 from tests.renderers import both
 from tests.rooms import random_room, rgb_frame
 
@@ -31,6 +31,7 @@ def test_blocks_are_averaged_in_linear_light(gl_context: moderngl.Context, rng: 
         small.release()
         if isinstance(device, GlDevice):
             picture.release()
+        device.release()
 
 
 @pytest.mark.parametrize("view", VIEWS)

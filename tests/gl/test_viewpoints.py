@@ -4,11 +4,11 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight.gl.passes import Pass, float_texture, picture_texture
-from counterlight.pipeline import reference
+from counterlight.passes.certificate import Inverse
 from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.cpu_renderer import CpuCanvas
 from counterlight.viewpoints import Viewpoint
-from tests.renderers import both, read
+from tests.renderers import both, on_gpu
 from tests.viewed_rooms import as_set, letters, two_views
 
 ATOL = 1e-5  # float32 sums, a few steps
@@ -16,12 +16,8 @@ ATOL = 1e-5  # float32 sums, a few steps
 
 def test_one_over_a_picture_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     picture = rng.uniform(0, 3, (11, 5, 3)).astype(np.float32) * (rng.uniform(size=(11, 5, 3)) < 0.7)
-    texture = picture_texture(gl_context, picture.astype(np.float32))
-    made = Pass(gl_context, "inverse.frag", float_texture(gl_context, (11, 5)))
-    found = read(made.run(picture=texture))
-    for resource in (made, texture):
-        resource.release()
-    np.testing.assert_allclose(found, reference.inverse(picture), rtol=1e-6)  # a division in float32
+    found = on_gpu(gl_context, Inverse(picture), (11, 5))
+    np.testing.assert_allclose(found, CpuCanvas((11, 5)).draw(Inverse(picture)), rtol=1e-6)  # a division in float32
     assert (found == 0).sum() == (picture == 0).sum() > 20
 
 

@@ -15,7 +15,6 @@ import pytest
 
 from counterlight.files import exr
 from counterlight.gl.context import in_software
-from counterlight.pipeline import encoding
 from counterlight.response import Response
 from tests import screens
 from tests.desktop import (
@@ -30,6 +29,7 @@ from tests.desktop import (
     xrandr,
 )
 from tests.media import numbered, write_video
+from tests.oracles import encoding
 from tests.programs import PATIENCE_S, command, descendants, fail, here, on, wait_until
 from tests.rooms import write_blurred_room, write_one_to_one_room
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.tools.acquisition.plan import Captures, Expected, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import (
     BlockGrid,

@@ -27,7 +27,6 @@ from counterlight.maps import room_maps as maps
 from counterlight.maps.prior import Prior
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
-from counterlight.pipeline.reference import refinement_step
 from counterlight.pipeline.refinement import OVER_RELAXATION, STARTS, momentum
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
@@ -40,6 +39,7 @@ from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from tests.bench.frames import clock_of
+from tests.oracles.formulas import refinement_step
 from tests.scenes import small
 
 PROJECTOR, CAMERA = (144, 256), (180, 320)

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.drift import LEAST_SHARE
 from counterlight.raster import Region
 from counterlight.tools.acquisition.camera_shift import CameraShift, camera_shift

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.pipeline.drift import Moved, positions, resampled, sampled
 from counterlight.raster import Region

@@ -15,7 +15,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
-from counterlight.pipeline import encoding
+from counterlight.passes.encode import encoded
 from counterlight.pipeline.drift import Drift, Moved
 from counterlight.raster import Region
 from counterlight.tools.acquisition.changed_exposures import CHANGED, changed_exposures
@@ -190,7 +190,7 @@ def registration_codes(room: Calibration, region: Region) -> Codes:
     """Returns the random picture of one projector with the others black, (height, width, 3)."""
     drive = np.zeros((*room.projector.shape, 3))
     drive[region.part] = random_field((region.height, region.width))[..., None]
-    return encoding.encoded_drive(drive, room.response)
+    return encoded(drive, room.response)
 
 
 def _now() -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import StoredCalibration
 from counterlight.maps.room_maps import read_maps
-from counterlight.pipeline import encoding
+from counterlight.passes.encode import encoded
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.operators import compensation
@@ -170,7 +170,7 @@ class Verification:
 
     def _codes(self, drive: FloatArray) -> Codes:
         shown = self._drift.shown(drive.reshape(*self._room.projector.shape, 3), self._room.regions)
-        return encoding.encoded_drive(shown, self._room.response)
+        return encoded(shown, self._room.response)
 
     def _arriving(self, codes: Codes) -> FloatArray:
         """Returns the light of rounded code values, at the place where it lands in the calibrated raster."""

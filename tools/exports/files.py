@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Device
 from counterlight.files import exr
-from counterlight.pipeline.encoding import encode
+from counterlight.passes.encode import Encode
 from counterlight.raster import Region, side_by_side
 from counterlight.response import TABLE_SIZE, RasterResponse, transfer_table
 from counterlight.tools.exports.diagonal import Diagonal
@@ -80,7 +80,8 @@ def colour_table(projector: Device) -> FloatArray:
     light = np.interp(codes, np.linspace(0, 1, TABLE_SIZE), transfer_table("srgb"))
     _, regions = side_by_side([codes.shape[:2]])
     own = RasterResponse((projector.response,), regions, (projector.colour,))
-    found = encode(light, own.inverse_tables(), colours=own.matrices, segments=own.segment_tables(), bits=16)
+    found = np.empty(light.shape, np.uint16)
+    Encode(own, 1.0, "none").fill(light.astype(np.float32), 0, found)
     return np.asarray(found[0] / (2**16 - 1), np.float64)
 
 

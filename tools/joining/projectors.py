@@ -21,7 +21,7 @@ from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps.chain import Chain
 from counterlight.maps.row_map import SparseRows, below_each_other, next_to_each_other
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.raster import Region, side_by_side
 from counterlight.tools.choices import TOLERANCE

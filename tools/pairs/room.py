@@ -12,7 +12,7 @@ from counterlight import calibration
 from counterlight.arrays import BoolArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
-from counterlight.files.png import write_png
+from counterlight.files.picture_files import write_png
 from counterlight.response import Response
 from counterlight.tools.pairs.fitting import Fitted, agreement, fit_pairs, longest_run
 from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
@@ -29,7 +29,7 @@ from counterlight.tools.pairs.photographs import (
     read_pictures,
 )
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transport, stacked
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
@@ -293,7 +293,7 @@ def _far(fitted: Fitted, seen: list[Csr]) -> FarLight | None:
     if not mix.any():
         return None
     between = [_interpolation_of_blocks(shape, blocks)] * 3
-    return FarLight.from_matrices(gather, mix, between)
+    return FarLight(stacked(gather), Dense(mix), stacked(between))
 
 
 def _interpolation_of_blocks(shape: tuple[int, int], blocks: tuple[int, int]) -> Csr:

@@ -10,7 +10,10 @@ from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.picture_files import write_png
 from counterlight.media.video import MediaReader
-from counterlight.pipeline import encoding, reference
+from counterlight.passes.encode import encoded as encode
+from counterlight.passes.pinned import pinned
+from counterlight.passes.planes_to_linear import planes_to_linear
+from counterlight.passes.resample import resample
 from counterlight.pipeline.placement import corners_of, homography, place, shown_shape
 from counterlight.pipeline.signal import signal_of
 from counterlight.response import Response
@@ -41,13 +44,13 @@ def read_placed(path: Path, target: tuple[int, int], screen: Screen | None = Non
                 f"{path}: an OpenEXR picture of {found[1]}x{found[0]} pixels, expected {target[1]}x{target[0]}: it is "
                 "taken pixel by pixel, so resize it or save it as PNG"
             )
-        linear = reference.planes_to_linear(frame.planes, pixels, signal_of(pixels))
+        linear = planes_to_linear(frame.planes, pixels, signal_of(pixels))
         reader.release(frame)
     if screen is not None and pixels.layout != "radiance":
         H = homography(corners_of(place(pixels, screen.shape), screen.shape), screen.shape, shown_shape(pixels))
-        return np.asarray(reference.pinned(linear, target, H, *screen.axes), np.float64)
+        return np.asarray(pinned(linear, target, H, *screen.axes), np.float64)
     spot = place(pixels, target)
-    placed = reference.resample(linear, target, (spot.left, spot.top, spot.width, spot.height))
+    placed = resample(linear, target, (spot.left, spot.top, spot.width, spot.height))
     return np.asarray(placed, np.float64)
 
 
@@ -60,7 +63,7 @@ def white_level(linear_rgb: FloatArray) -> float:
 
 def encoded(linear_rgb: FloatArray, white: float) -> NDArray[np.uint8]:
     """Returns 8-bit sRGB with `white` at 255; values below 0 and above white are clipped."""
-    return encoding.encode(linear_rgb, Response("srgb").inverse_table(), white)
+    return encode(linear_rgb, Response("srgb").over(linear_rgb.shape[:2]), white)
 
 
 def write_view(path: Path, linear_rgb: FloatArray, white: float) -> None:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.maps.room_maps import RoomMaps
+from counterlight.passes.reach import counted
+from counterlight.passes.shown_maps import shortfalls
 from counterlight.pipeline import views
 from counterlight.pipeline.operators import compensation, prepared
-from counterlight.pipeline.reference import counted, shortfalls
-from counterlight.pipeline.views import MID_GREY
+from counterlight.pipeline.views import MID_GREY, SLACK
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.transport import Transport
@@ -88,7 +89,10 @@ def find_impossible(tier: Tier, maps: RoomMaps) -> Impossible:
     ambient, mixing = tier.ambient.astype(np.float64), tier.mixing
     full = tier.transport.composition().reshape(ambient.shape)
     unlit, below_mid_grey, below_white = shortfalls(
-        counted(tier.reach, tier.calibration.mask & np.all(full > 0, axis=2)), maps.white
+        counted(tier.reach, tier.calibration.mask & np.all(full > 0, axis=2)),
+        maps.white,
+        MID_GREY * maps.white,
+        SLACK,
     )
     grey = MID_GREY * maps.white
     light = tier.asked(np.full_like(ambient, grey))

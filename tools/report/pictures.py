@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.row_map import RowMap
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.tools.transport.transport import Csr, Transport, channel_of_chain, luminance_matrix
 
 Picture = NDArray[np.uint8]

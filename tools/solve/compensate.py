@@ -16,7 +16,8 @@ from counterlight.files import exr
 from counterlight.files.picture_files import write_png
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps, read_maps
-from counterlight.pipeline import encoding, reference
+from counterlight.passes.encode import encoded
+from counterlight.passes.resample import resample
 from counterlight.pipeline.operators import drive_of
 from counterlight.response import RasterResponse
 from counterlight.tools.choices import COMPENSATIONS
@@ -240,7 +241,7 @@ def _uncorrected(path: Path, wanted: FloatArray, radiance: bool, shape: tuple[in
     """Return the picture as drive: fitted to the projector, or camera radiance stretched over the projector's frame."""
     if not radiance:
         return read_placed(path, shape)
-    return np.asarray(reference.resample(wanted / white, shape, (0, 0, shape[1], shape[0])), np.float64)
+    return np.asarray(resample(wanted / white, shape, (0, 0, shape[1], shape[0])), np.float64)
 
 
 def _outputs(path: Path, solvers: tuple[str, ...]) -> dict[str, Path]:
@@ -254,4 +255,4 @@ def _write(path: Path, drive: FloatArray, response: RasterResponse) -> None:
         if path.suffix.lower() == ".exr":
             exr.write_rgb(temporary, drive.astype(np.float32))
         else:
-            write_png(temporary, encoding.encoded_drive(drive, response))
+            write_png(temporary, encoded(drive, response))

@@ -13,7 +13,7 @@ from counterlight.gl.probe import probe_opengl
 from counterlight.maps.mixing import Mixing
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.operators import Compensation, compensation
-from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.show.headless import headless_renderer
 
@@ -45,7 +45,7 @@ class Player:
     mixing : of the room's primaries.
     """
 
-    def __init__(self, renderer: Renderer, mixing: Mixing) -> None:
+    def __init__(self, renderer: AnyRenderer, mixing: Mixing) -> None:
         self._renderer, self._mixing = renderer, mixing
         self._open = False
         self._render: Callable[[], None] = lambda: None

@@ -13,7 +13,7 @@ from skimage import data
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
-from counterlight.pipeline import reference
+from counterlight.passes.planes_to_linear import planes_to_linear
 from counterlight.pipeline.signal import signal_of
 from counterlight.response import Response
 from counterlight.show.headless import FRAME_TIMEOUT_S
@@ -56,7 +56,7 @@ def _film_lights(count: int) -> list[FloatArray]:
     with MediaReader.open(CLIP) as reader:
         reader.seek(FILM_FROM_S)
         while len(lights) < count and (frame := reader.next_frame(FRAME_TIMEOUT_S)) is not None:
-            light = reference.planes_to_linear(frame.planes, frame.format, signal_of(frame.format))
+            light = planes_to_linear(frame.planes, frame.format, signal_of(frame.format))
             lights.append(np.asarray(light, np.float64))
             reader.release(frame)
     return lights

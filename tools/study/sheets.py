@@ -8,7 +8,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.content import psnr
 from counterlight.response import Response
 from counterlight.tools.relighting.pictures import encoded

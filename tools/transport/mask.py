@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE, FRACTION_OF_BRIGHT
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import CUT, cut_by_edges

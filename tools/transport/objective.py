@@ -20,9 +20,8 @@ from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import Mixing
-from counterlight.maps.prior import Prior
+from counterlight.maps.prior import Prior, pull
 from counterlight.maps.row_map import SparseRows
-from counterlight.pipeline.reference import pull
 from counterlight.pipeline.refinement import OVER_RELAXATION, Certificate, momentum
 from counterlight.raster import Region
 from counterlight.tools.choices import OUTSIDE

@@ -19,7 +19,7 @@ from counterlight.arrays import FloatArray, brief
 from counterlight.errors import InputError
 from counterlight.maps.chain import Chain, Light, Sum
 from counterlight.maps.row_map import SparseRows, below_each_other
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
 from counterlight.tools.acquisition.plan import Captures, Expected, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes

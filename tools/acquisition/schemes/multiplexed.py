@@ -18,7 +18,7 @@ from scipy.special import ndtri
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.pipeline.colour import LUMINANCE
+from counterlight.passes.colour import LUMINANCE
 from counterlight.tools.acquisition.plan import (
     Captures,
     Expected,

@@ -1,11 +1,9 @@
-"""Light to code values, in numpy: the CPU function of encode.frag, and the encoding of single drives."""
+"""Light to code values, in numpy: the formula of the pass encode, for any number of bits."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from counterlight.response import RasterResponse
 
 FloatArray = NDArray[np.floating]
 
@@ -65,18 +63,6 @@ def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
     darkest = np.sqrt(np.min(each, axis=0))
     beside = np.stack([np.interp(darkest, grid, tables[1, :, i]) for i in range(3)], axis=-1)
     return np.asarray(np.sqrt(np.maximum(root**2 - beside, 0)))
-
-
-def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uint8]:
-    """Return the code values of a raster's drive, without dithering."""
-    return encode(
-        drive,
-        response.inverse_tables(),
-        of_column=response.of_column,
-        row_height=response.row_height,
-        colours=response.matrices,
-        segments=response.segment_tables(),
-    )
 
 
 def bayer(height: int, width: int) -> NDArray[np.float64]:

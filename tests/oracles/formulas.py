@@ -1,11 +1,7 @@
-"""The CPU function of every shader pass, in numpy: tests compare the GPU and the compiled passes with these functions.
+"""The passes as formulas in numpy: tests compare the compiled CPU functions of counterlight.passes with them.
 
-Each function names its shader. Pictures are (row, column, channel), linear, row 0 at the top. Sums are in float64 where
-this costs little, so that the CPU function is the more exact version.
-
-tone : (s, o), see content.py; adaptation.py computes it.
-reach : (camera height, camera width, 4). Radiance of full drive; the fourth channel is 1 if a pixel is inside the mask
-    and lit in every channel, else 0.
+Pictures are (row, column, channel), linear, row 0 at the top. Sums are in float64, so that a formula is more exact than
+the pass. tone : (s, o), see content.py; adaptation.py computes it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,49 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.files.cube import Cube
-from counterlight.maps.mixing import grey_reach, mixed, nearest, spread
-from counterlight.maps.prior import Prior
-from counterlight.maps.row_map import RowMap, unpack
+from counterlight.maps.mixing import mixed, nearest, spread
+from counterlight.maps.prior import Prior, pull
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline.colour import Decoding
-from counterlight.pipeline.signal import Signal
-from counterlight.pipeline.views import (
-    CLIP_FAINT,
-    CLIP_SPAN,
-    ERROR_SPAN,
-    IMPOSSIBLE,
-    MID_GREY,
-    OVER,
-    SLACK,
-    UNCOUNTED,
-    UNDER,
-    error_colours,
-)
+from counterlight.passes.colour import LUMINANCE, LUMINANCE_2020, Decoding
+from counterlight.passes.moved import FADE, WHOLE
+from counterlight.passes.pinned import MOST_TAPS, TINY
+from counterlight.passes.planes_to_linear import LEAST, Rendition, Signal
+from counterlight.pipeline.drift import resampled
+from counterlight.raster import Region
 
 FloatArray = NDArray[np.floating]
-TINY = 1e-12  # pixels: smallest width to divide by
-MOST_TAPS = 32  # along an axis; a wider filter takes every second or third sample, and so on
-
-
-class PreparedRows:
-    """A row map unpacked for repeated products: per channel Σ_k weight[k] · source[index[k]] (row_map.frag).
-
-    Rows without entries give 0.
-    """
-
-    def __init__(self, packed: RowMap) -> None:
-        self._rows = unpack(packed)
-        self._shape, self._source_shape = packed.output_shape, packed.source_shape
-
-    def apply(self, source: FloatArray) -> NDArray[np.float64]:
-        """Multiply. source : (source height, source width, 3). Returns (output height, output width, 3)."""
-        if source.shape[:2] != self._source_shape:
-            raise ValueError(f"source of shape {source.shape[:2]}, the row map reads {self._source_shape}")
-        return self._rows.apply(source.reshape(-1, 3)).reshape(*self._shape, 3)
-
-    def apply_transpose(self, picture: FloatArray) -> NDArray[np.float64]:
-        """Multiply a picture of the output's shape by the transpose; returns a picture of the source's shape."""
-        return self._rows.apply_transpose(picture.reshape(-1, 3)).reshape(*self._source_shape, 3)
 
 
 def planes_to_linear(
@@ -80,7 +44,7 @@ def planes_to_linear(
         codes = np.clip(samples @ decoding.to_rgb.T + signal.lift, 0, 1)
         codes = codes if signal.lut is None else tetrahedral(signal.lut, codes)
         linear = np.interp(codes, grid, signal.transfer)
-        linear = linear if signal.rendition is None else signal.rendition.on_screen(linear)
+        linear = linear if signal.rendition is None else on_screen(signal.rendition, linear)
     return np.rot90(linear, pixels.rotation // 90)
 
 
@@ -231,33 +195,10 @@ def desired_light(
     return np.asarray(np.clip(b, 0, 1) if clamp else b)
 
 
-def mix(
-    light: FloatArray, base: FloatArray, row_red: FloatArray, row_green: FloatArray, row_blue: FloatArray
-) -> FloatArray:
-    """Multiply the light by a matrix per pixel, and add a picture (mix.frag)."""
-    return mixed(np.stack([row_red, row_green, row_blue], axis=-2), light) + base
-
-
-def recolour(picture: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Multiply the light of all pixels by one matrix (recolour.frag). matrix : (9,), by columns."""
-    return np.asarray(picture @ matrix.reshape(3, 3))
-
-
 def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool = False) -> FloatArray:
     """Return one picture plus a multiple of another, limited to 0..1 if `clamp` (combine.frag)."""
     result = first + factor * second
     return np.clip(result, 0, 1) if clamp else result
-
-
-def pull(p: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray) -> FloatArray:
-    """Return P p of a prior (player/maps/prior.py): η p + Σ ω (p − neighbour's)."""
-    across, along = right[:, :-1] * np.diff(p, axis=1), down[:-1] * np.diff(p, axis=0)
-    result = np.asarray(damping * p)
-    result[:, :-1] -= across
-    result[:, 1:] += across
-    result[:-1] -= along
-    result[1:] += along
-    return result
 
 
 def against_gradient(descent: FloatArray, y: FloatArray, **prior: FloatArray) -> FloatArray:
@@ -284,98 +225,6 @@ def refinement_step(
     return q, q + momentum * (q - p) + over_relaxation * (q - y)
 
 
-def gap_terms(descent: FloatArray, p: FloatArray) -> FloatArray:
-    """Return each pixel's share of the gap, max(g p, g (p − 1)), with the gradient g = −descent (gap.frag)."""
-    return np.maximum(-descent * p, descent * (1 - p))
-
-
-def weighted(picture: FloatArray, weights: FloatArray, *, squared: bool = False) -> FloatArray:
-    """Return weights · picture, or weights · picture² (weighted.frag)."""
-    return np.asarray((picture**2 if squared else picture) * weights)
-
-
-def block_sum(picture: FloatArray, side: int) -> FloatArray:
-    """Sum blocks of side × side pixels; blocks at the right and lower edge may be smaller (block_sum.frag)."""
-    rows, columns = (np.arange(0, length, side) for length in picture.shape[:2])
-    return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
-
-
-def split(left: FloatArray, right: FloatArray, line: float) -> FloatArray:
-    """Return the left half of one picture and the right half of another, with a line of light between (split.frag)."""
-    middle = left.shape[1] // 2
-    result = np.concatenate([left[:, :middle], right[:, middle:]], axis=1)
-    result[:, middle] = line
-    return result
-
-
-def reach_of(
-    seen: FloatArray,
-    ambient: FloatArray,
-    mask: NDArray[np.bool_],
-    row_red: FloatArray | None = None,
-    row_green: FloatArray | None = None,
-    row_blue: FloatArray | None = None,
-    *,
-    above: bool = False,
-) -> FloatArray:
-    """Return the brightest grey that each primary allows a pixel, and which pixels count (reach.frag).
-
-    seen : camera picture of full drive; with matrix rows, without ambient light.
-    row_red, row_green, row_blue : rows of a matrix per pixel.
-    above : return only the light above ambient.
-    """
-    if row_red is None or row_green is None or row_blue is None:
-        return counted(seen - ambient if above else seen, mask & np.all(seen > ambient, axis=2))
-    reach = grey_reach(np.stack([row_red, row_green, row_blue], axis=-2), seen, ambient)
-    return counted(reach, mask & np.all(seen > 0, axis=2))
-
-
-def counted(reach: FloatArray, lit: NDArray[np.bool_]) -> FloatArray:
-    """Append a channel to the greys of `reach_of`: 1 for pixels that count."""
-    return np.concatenate([reach, lit[..., None]], axis=2)
-
-
-def error_map(
-    seen: FloatArray, ambient: FloatArray, b: FloatArray, reach: FloatArray, white: float
-) -> NDArray[np.float64]:
-    """Colour the difference between predicted picture and target, of the worst channel (error_map.frag)."""
-    error = (seen - ambient - b) / white
-    rows, columns = np.indices(error.shape[:2])
-    worst = error[rows, columns, np.argmax(np.abs(error), axis=2)]
-    colours = error_colours()
-    position = (np.clip(worst / ERROR_SPAN, -1, 1) + 1) / 2
-    grid = np.linspace(0, 1, len(colours))
-    light = np.stack([np.interp(position, grid, colours[:, i]) for i in range(3)], axis=-1)
-    return np.asarray(white * np.where(reach[..., 3:] > 0, light, UNCOUNTED))
-
-
-def impossible(reach: FloatArray, white: float) -> NDArray[np.float64]:
-    """Colour camera pixels by what they cannot show (impossible.frag); the classes are in views.py."""
-    short = np.stack(shortfalls(reach, white))
-    return np.asarray(white * IMPOSSIBLE[np.where(short.any(axis=0), 1 + short.argmax(axis=0), 0)])
-
-
-def shortfalls(reach: FloatArray, white: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return pixels that do not count, cannot reach mid grey, or cannot reach white: (height, width) each."""
-    least, lit = reach[..., :3].min(axis=2) * (1 + SLACK), reach[..., 3] > 0
-    return ~lit, lit & (least < MID_GREY * white), lit & (least < white)
-
-
-def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | None, white: float) -> NDArray[np.float64]:
-    """Colour targets below 0 or above `most`, by the excess of the worst channel (clipping.frag).
-
-    most : (height, width, 4), as `reach`; None for a limit of 1, with every pixel counted.
-    white : light of the colours; excess is measured in shares of white.
-    """
-    most = np.ones(4) if most is None else most
-    over = np.max(asked - most[..., :3], axis=2, keepdims=True) / white
-    under = np.max(-asked, axis=2, keepdims=True) / white
-    amount = np.where(most[..., 3:] > 0, np.maximum(np.maximum(over, under), 0), 0)
-    weight = 0.5 * np.minimum(amount / CLIP_FAINT, 1) + 0.5 * np.minimum(amount / CLIP_SPAN, 1)
-    colour = white * np.where(over >= under, OVER, UNDER)
-    return np.asarray(view + weight * (colour - view))
-
-
 def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> NDArray[np.float64]:
     """Interpolate chroma at every luma pixel, bilinear, clamped at the borders."""
     result = np.asarray(plane, np.float64)
@@ -395,6 +244,31 @@ def blend(now: FloatArray, before: FloatArray, weight: float, gain: float = 1.0)
     return np.asarray((1 - weight) * now + weight * gain * before)
 
 
-def inverse(picture: FloatArray) -> FloatArray:
-    """Return 1 / picture, or 0 where the picture is 0 (inverse.frag)."""
-    return np.divide(1.0, picture, out=np.zeros_like(picture), where=picture > 0)
+def on_screen(rendition: Rendition, light: FloatArray) -> NDArray[np.float64]:
+    """Convert light (…, 3), 1 at the medium's peak, to light with 1 at white."""
+    if rendition.ootf:
+        luminance = np.maximum(light @ LUMINANCE_2020, LEAST)
+        light = light * luminance[..., None] ** rendition.ootf
+    brightest = light.max(axis=-1, keepdims=True)
+    position = np.clip(brightest / rendition.top, 0, 1) ** 0.25
+    gain = np.interp(position, np.linspace(0, 1, rendition.gain.size), rendition.gain)
+    light = light * gain * rendition.top / np.maximum(brightest, rendition.top)
+    return within_gamut(light @ rendition.matrix.T)
+
+
+def within_gamut(linear_rgb: FloatArray) -> NDArray[np.float64]:
+    """Mix each colour with the grey of its luminance, as little as brings every channel into 0..1."""
+    grey = np.clip(linear_rgb @ LUMINANCE, 0, 1)[..., None]
+    least, most = linear_rgb.min(axis=-1, keepdims=True), linear_rgb.max(axis=-1, keepdims=True)
+    low = np.where(least < 0, grey / np.maximum(grey - least, LEAST), 1)
+    high = np.where(most > 1, (1 - grey) / np.maximum(most - grey, LEAST), 1)
+    return np.asarray(np.clip(grey + np.minimum(low, high) * (linear_rgb - grey), 0, 1))
+
+
+def moved(drive: FloatArray, projectors: FloatArray) -> FloatArray:
+    """Return a drive (height, width, 3) as it is shown (moved.frag). `projectors` comes from `Drift.table`."""
+    shown = np.zeros(drive.shape)
+    for rows in np.asarray(projectors, np.float64):
+        part = Region(*(int(value) for value in (*rows[3, :2], *rows[4, :2]))).part
+        shown[part] = np.clip(resampled(drive[part], rows[:3], WHOLE, FADE) / rows[5], 0, 1)
+    return shown

@@ -1,28 +1,49 @@
-"""The compiled pass for a projector picture that has moved since the calibration (moved in drift.py)."""
+"""The drive for projectors whose pictures have moved since the calibration (pipeline/drift.py)."""
 
+from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.pipeline.compiled import PICTURE, Picture, inlined, kernel, projected, within
-from counterlight.pipeline.drift import FADE, TAPS, WHOLE
+from counterlight.passes.drawing import Array, Pass, Picture
+from counterlight.passes.kernel import PICTURE, inlined, kernel, prange, projected, within
+
+TAPS = 6  # interpolation uses TAPS × TAPS pixels
+# pixels: how far a moved picture continues beyond the calibrated raster, and over which distance it then fades
+WHOLE, FADE = 1.0, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class MovedDrive(Pass[Picture]):
+    """p(N x) / g for every pixel x of every projector.
+
+    projectors : (projectors, 6, 3), from `Drift.table`.
+    """
+
+    shader = "moved.frag"
+    drive: Picture
+    projectors: Picture
+
+    def fill(self: "MovedDrive[Array]", out: Array) -> None:
+        for rows in self.projectors.astype(np.float64):
+            region = [int(value) for value in (*rows[3, :2], *rows[4, :2])]
+            moved(self.drive, rows[:3], rows[5], *region, out)
 
 
 @kernel(f"{PICTURE}, float64[:, ::1], float64[::1], int64, int64, int64, int64, {PICTURE}")
 def moved(
-    drive: Picture,
+    drive: Array,
     N: NDArray[np.float64],
     light: NDArray[np.float64],
     left: int,
     top: int,
     width: int,
     height: int,
-    out: Picture,
+    out: Array,
 ) -> None:
-    """Compute one projector's part of the drive for its current position (moved in drift.py)."""
-    for y in numba.prange(height):
+    """Compute one projector's part of the drive for its current position."""
+    for y in prange(height):
         for x in range(width):
             u, v, w = projected(N, x, y)
             red, green, blue, lands = 0.0, 0.0, 0.0, 0.0

@@ -1,0 +1,89 @@
+"""A pass: pictures and numbers in, one picture out. Backends draw passes into canvases.
+
+A pass is a frozen dataclass. Its fields have the names of the shader's inputs: pictures are textures, numbers and
+tuples are uniforms, and True defines the field's name in capitals. A picture, or a group of inputs, that may be None
+defines its name if it is given.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = TypeVar("Picture")  # a picture as its backend holds it: a texture or an array
+Array: TypeAlias = NDArray[np.float32]  # a picture of the CPU backend: (height, width, channels), contiguous
+Numbers: TypeAlias = NDArray[np.floating] | tuple[float, ...]
+NOTHING = np.zeros((0, 0, 0), np.float32)  # for a kernel: no picture
+CHANNELS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Pass(Generic[Picture]):
+    """One draw of a fragment shader.
+
+    shader : name of the GLSL file.
+    defines : defines that every draw has.
+    channels : channels of the drawn picture.
+    """
+
+    shader: ClassVar[str]
+    defines: ClassVar[Mapping[str, int | None]] = {}
+    channels: ClassVar[int] = CHANNELS
+
+    def fill(self: "Pass[Array]", out: Array) -> None:
+        """Compute the picture on the processor: the CPU function."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class Rows(Generic[Picture]):
+    """The rows of a matrix per pixel, (height, width, 3) each; see counterlight.maps.mixing."""
+
+    row_red: Picture
+    row_green: Picture
+    row_blue: Picture
+
+
+class Canvas(Protocol[Picture]):
+    """A picture that passes are drawn into."""
+
+    @property
+    def picture(self) -> Picture: ...
+
+    def draw(self, made: Pass[Picture]) -> Picture:
+        """Draw a pass; returns the canvas' picture, which is valid until the next draw."""
+
+    def clear(self) -> None:
+        """Make the picture black."""
+
+    def release(self) -> None: ...
+
+
+@cache
+def _optional(kind: type) -> dict[str, bool]:
+    """Return a dataclass' field names, and whether each may be left out."""
+    return {each.name: each.default is not MISSING for each in fields(kind)}
+
+
+def inputs_of(made: Any) -> Iterator[tuple[str, Any, bool]]:
+    """Yield name, value and optionality of every input that is given; groups come first, followed by their inputs."""
+    for name, optional in _optional(made.__class__).items():
+        value = getattr(made, name)
+        if value is None or value is False:
+            continue
+        yield name, value, optional
+        if hasattr(value, "__dataclass_fields__"):
+            yield from inputs_of(value)
+
+
+def flat(picture: Array) -> Array:
+    """View as (rows, values)."""
+    return picture.reshape(picture.shape[0], -1)
+
+
+def given(picture: Array | None) -> Array:
+    """Return a picture for a kernel that takes an empty array for none."""
+    return NOTHING if picture is None else picture

@@ -1,0 +1,1 @@
+"""Formulas in numpy that tests compare the passes with. Read first: formulas.py, renderer.py."""
