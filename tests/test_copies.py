@@ -59,10 +59,10 @@ def test_a_copy_that_is_killed_says_so_and_its_text_is_there(tmp_path: Path) -> 
 
 LOOP = """
 import numpy as np
-from counterlight.pipeline import compiled
-loaded = len(compiled.combined.signatures)
+from counterlight.passes import combine
+loaded = len(combine.combined.dispatcher.signatures)
 out, one = np.zeros((2, 6), np.float32), np.ones((2, 6), np.float32)
-compiled.combined(np.float32(2), one, np.float32(3), one, False, out)
+combine.combined(np.float32(2), one, np.float32(3), one, False, out)
 print(loaded, out.sum())
 """
 
