@@ -2,7 +2,7 @@
 
 In the rooms of the rig (tests/rig, docs/rig.md), cameras that store the sensor's picture in several ways capture black,
 white and the two pictures of tools/acquisition/linearity.py. The study prints the bend of each camera, which is 0 % for
-a linear camera, and the acquisition's verdict: the table of docs/schemes.md. All of it is simulated.
+a linear camera, and the verdict on a given response: the table of docs/schemes.md. All of it is simulated.
 """
 
 import argparse
@@ -86,7 +86,7 @@ def main() -> None:
     parser.add_argument("--scale", type=float, default=1.0, help="of camera and projector, 160x120 and 96x72 at 1")
     options = parser.parse_args()
     rooms = [ROOMS[name](options.scale) for name in options.room]
-    print(f"| camera | {' | '.join(options.room)} | most of a linear one | the acquisition |")
+    print(f"| camera | {' | '.join(options.room)} | most of a linear one | if this response is given |")
     print("|---" * (len(rooms) + 3) + "|", flush=True)
     for trial in TRIALS:
         bends = [_bend(Rig(room, Devices(sensor=trial.sensor)), trial) for room in rooms]
