@@ -324,13 +324,13 @@ def test_integers_are_srgb_codes_as_play_takes_them(room: cl.Room, tmp_path: Pat
     played = cl.read_picture(tmp_path / "picture.png", room)
     for given in (codes, np.asfortranarray(codes), Tensor(codes)):
         np.testing.assert_allclose(
-            cl.solve(room, given, "direct").drive, cl.solve(room, played, "direct").drive, atol=1e-12
-        )
+            cl.solve(room, given, "direct").drive, cl.solve(room, played, "direct").drive, atol=5e-7
+        )  # a file is read by the player's float32 pass
     maps = cl.build_maps(room, inverse="none")
     with cl.Renderer(room, maps, backend="cpu") as renderer:
-        np.testing.assert_array_equal(renderer.render(codes, refine=0), renderer.render(played, refine=0))
+        np.testing.assert_allclose(renderer.render(codes, refine=0), renderer.render(played, refine=0), atol=5e-7)
     drive = codes[:9, :14]
-    np.testing.assert_allclose(room.seen(drive), room.seen(played[:9, :14]), rtol=1e-12)
+    np.testing.assert_allclose(room.seen(drive), room.seen(played[:9, :14]), atol=5e-7)
 
 
 @pytest.mark.parametrize(

@@ -221,5 +221,5 @@ def test_scenes_of_several_cameras(tmp_path: Path) -> None:
     assert stored.calibration.cameras == ((36, 48), (36, 48)) == room.calibration.cameras
     assert stored.calibration.provenance == "simulated from the scene folded_wall by counterlight simulate"
     np.testing.assert_allclose(
-        read_transport(stored).composition(), room.transport.composition(), rtol=1e-5
+        read_transport(stored).composition(), room.parts.composition(), rtol=1e-5
     )  # the stored factors are float32
