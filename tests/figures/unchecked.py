@@ -13,6 +13,7 @@ UNCHECKED = (  # page, beginning of a table's header, reason
     ("docs/reliability.md", "| campaign | tried | refused", "hours: make fuzz, with the seeds of the page"),
     ("docs/size.md", "| | at most", "limits, not measured"),
     ("docs/unattended.md", "| event | black for at most", TIMES),
+    ("docs/player.md", "| frames per second, room", TIMES),
     ("docs/size.md", "| acquired `corner`", LARGE),
     ("docs/pairs.md", "| captures at 512x384", OUTSIDE),
 )
