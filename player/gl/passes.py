@@ -127,7 +127,7 @@ class Programs:
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        self._made: dict[tuple[str, tuple[str, ...]], ScreenPass] = {}
+        self._made: dict[tuple[str, frozenset[tuple[str, int | None]]], ScreenPass] = {}
 
     def draw(self, made: Pass[moderngl.Texture]) -> None:
         """Draw a pass into the current framebuffer."""
@@ -140,7 +140,7 @@ class Programs:
                 continue
             if optional:
                 defines[name.upper()] = None
-        key = made.shader, tuple(defines)
+        key = made.shader, frozenset(defines.items())
         if key not in self._made:
             self._made[key] = ScreenPass(self._context, made.shader, defines)
         program = self._made[key]

@@ -64,7 +64,11 @@ class Playing:
 
 @dataclass(frozen=True)
 class Showing:
-    """What the screen shows when the session begins, as the options of the same names say."""
+    """What the screen shows when the session begins.
+
+    view, compensation, blackout, osd : the options of these names.
+    adjustments : the viewer's settings.
+    """
 
     view: str = "projector"
     compensation: bool = True

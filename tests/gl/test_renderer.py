@@ -228,10 +228,10 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
     frame, shown = yuv_frame(rng, (9, 15)), {}
     alike = tuple((width, "srgb") for width, _ in strips)
     for name, each in (("unlike", strips), ("alike", alike), ("mixed", ((6, MIXED), (7, "srgb")))):
-        with both(gl_context, in_strips(alone, each), frame) as (gl, twin):
-            for renderer in (gl, twin):
+        with both(gl_context, in_strips(alone, each), frame) as (gl, reference):
+            for renderer in (gl, reference):
                 renderer.render("projector", compensate=True, frame=7)
-            assert np.mean(gl.encoded() != twin.encoded()) < 0.01  # rounding, as above
+            assert np.mean(gl.encoded() != reference.encoded()) < 0.01  # rounding, as above
             shown[name] = gl.encoded()
     with both(gl_context, alone, frame) as (gl, _):
         gl.render("projector", compensate=True, frame=7)
