@@ -327,6 +327,6 @@ def test_compiling_is_said_only_where_something_is_compiled(
 
 
 def test_the_processor_refuses_the_weighed_residual_of_maps_in_words(rng: np.random.Generator) -> None:
-    room = random_room(rng)
+    room = random_room(rng, far=False)
     with pytest.raises(ValueError, match="needs maps in words"):
         CpuDevice().store(room).of(room.maps.transport).product("WEIGHED_RESIDUAL")

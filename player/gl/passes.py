@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.gl.shaders import build_program
 from counterlight.passes.drawing import Pass, inputs_of
+from counterlight.pipeline.device import Owner
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 # texels converted to RGBA at a time; allocating a whole picture would take as long as copying it
@@ -123,7 +124,7 @@ class ScreenPass:
 
 
 class Programs:
-    """The programs of passes: each shader is compiled once per set of defines, on its first draw."""
+    """The programs of passes: each shader is compiled once per set of defines, by `prepare` or on its first draw."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
@@ -140,12 +141,19 @@ class Programs:
                 continue
             if optional:
                 defines[name.upper()] = None
-        key = made.shader, frozenset(defines.items())
-        if key not in self._made:
-            self._made[key] = ScreenPass(self._context, made.shader, defines)
-        program = self._made[key]
+        program = self._program(made.shader, defines)
         program.set(**uniforms)
         program.draw(**textures)
+
+    def prepare(self, kind: type[Pass[moderngl.Texture]]) -> None:
+        """Compile the program of a pass without optional inputs. Raises ShaderError."""
+        self._program(kind.shader, kind.defines)
+
+    def _program(self, shader: str, defines: Mapping[str, int | None]) -> ScreenPass:
+        key = shader, frozenset(defines.items())
+        if key not in self._made:
+            self._made[key] = ScreenPass(self._context, shader, defines)
+        return self._made[key]
 
     def release(self) -> None:
         for program in self._made.values():
@@ -153,13 +161,17 @@ class Programs:
 
 
 class Canvas:
-    """Textures that passes are drawn into together; most passes have one. The caller releases the canvas."""
+    """Owns textures that passes are drawn into together; most passes have one. The caller releases the canvas."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, *pictures: moderngl.Texture) -> None:
-        self.pictures = pictures
-        self._context, self._programs = context, programs
-        self._framebuffer = context.framebuffer(pictures)
-        self.clear()
+        self._context, self._programs, self._owner = context, programs, Owner()
+        self.pictures = tuple(self._owner.own(picture) for picture in pictures)
+        try:
+            self._framebuffer = self._owner.own(context.framebuffer(pictures))
+            self.clear()
+        except BaseException:
+            self.release()
+            raise
 
     @property
     def picture(self) -> moderngl.Texture:
@@ -176,9 +188,7 @@ class Canvas:
 
     def release(self) -> None:
         self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
-        self._framebuffer.release()
-        for picture in self.pictures:
-            picture.release()
+        self._owner.release()
 
 
 class ShaderPass(ScreenPass):
