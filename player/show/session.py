@@ -18,6 +18,7 @@ from counterlight.media.medium import Medium
 from counterlight.memory import give_back
 from counterlight.overlay.osd import Message, Page
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.device import DrawingError
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
@@ -155,6 +156,7 @@ class Session:
         self._leaving: Leaving | None = None
         self._faded = 1.0, 0.0  # of the last rendered picture: share of the light, and share of the leaving medium
         self._quitting = False
+        self._undrawn: str | None = None  # why the last frame could not be drawn
         self._follows_s: float | None = None  # when the next medium's first frame is due on the screen
         self.programme = Programme(
             playlist,
@@ -568,21 +570,30 @@ class Session:
 
     def _render(self) -> None:
         timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
-        steps = draw(
-            self.renderer,
-            self.governor,
-            self.stats,
-            self.view,
-            compensate=self.compensation,
-            frame=self.stats.frames,
-            timed=timed,
-        )
+        self._changed = False
+        try:
+            steps = draw(
+                self.renderer,
+                self.governor,
+                self.stats,
+                self.view,
+                compensate=self.compensation,
+                frame=self.stats.frames,
+                timed=timed,
+            )
+        except DrawingError as error:  # an edited shader that no earlier frame has used; the last picture stays
+            if not self._draws:
+                raise
+            if self._undrawn != str(error):
+                self._undrawn = str(error)
+                self.notice(f"not drawn: {error}")
+            return
+        self._undrawn = None
         if timed:
             self._timed_at = self.clock()
         self._draws += 1
         self.rendered_view, self._steps_drawn = self.view, steps
         self._steps_made += steps
-        self._changed = False
 
     def wait_s(self) -> float:
         """Return the seconds until something is due, unless a command comes first."""
