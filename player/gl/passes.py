@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.gl.shaders import build_program
 from counterlight.passes.drawing import Pass, inputs_of
-from counterlight.pipeline.device import Owner
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 # texels converted to RGBA at a time; allocating a whole picture would take as long as copying it
@@ -164,14 +163,14 @@ class Canvas:
     """Owns textures that passes are drawn into together; most passes have one. The caller releases the canvas."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, *pictures: moderngl.Texture) -> None:
-        self._context, self._programs, self._owner = context, programs, Owner()
-        self.pictures = tuple(self._owner.own(picture) for picture in pictures)
+        self.pictures = pictures
+        self._context, self._programs = context, programs
         try:
-            self._framebuffer = self._owner.own(context.framebuffer(pictures))
-            self.clear()
+            self._framebuffer = context.framebuffer(pictures)
         except BaseException:
-            self.release()
+            self._release_pictures()
             raise
+        self.clear()
 
     @property
     def picture(self) -> moderngl.Texture:
@@ -188,7 +187,12 @@ class Canvas:
 
     def release(self) -> None:
         self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
-        self._owner.release()
+        self._framebuffer.release()
+        self._release_pictures()
+
+    def _release_pictures(self) -> None:
+        for picture in self.pictures:
+            picture.release()
 
 
 class ShaderPass(ScreenPass):

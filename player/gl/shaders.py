@@ -7,7 +7,7 @@ from importlib import resources
 
 import moderngl
 
-from counterlight.pipeline.device import DrawingError
+from counterlight.errors import DrawingError
 
 VERTEX = "fullscreen.vert"
 

@@ -84,10 +84,6 @@ class PathReport:
         return f"{self.name}, {self.entry_bytes} bytes an entry{light}{measured and '; '}{measured}"
 
 
-class DrawingError(RuntimeError):
-    """A backend cannot draw a pass: an internal fault, or an edited shader."""
-
-
 class Owner:
     """Holds resources and releases them in reverse order. Arrays need no release."""
 

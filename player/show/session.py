@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from counterlight.command import tell
-from counterlight.errors import InputError, printable
+from counterlight.errors import DrawingError, InputError, printable
 from counterlight.media.audio import AudioOutput
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.media.medium import Medium
 from counterlight.memory import give_back
 from counterlight.overlay.osd import Message, Page
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.device import DrawingError
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
