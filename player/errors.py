@@ -1,4 +1,4 @@
-"""The exception whose message users read, and functions that format messages."""
+"""InputError, whose message users read; DrawingError; and functions that format messages."""
 
 import difflib
 from collections.abc import Iterable
@@ -11,6 +11,10 @@ class InputError(Exception):
 
     A command prints it as `error: …` and ends with exit code 2 (`counterlight.command`).
     """
+
+
+class DrawingError(RuntimeError):
+    """A backend cannot draw a pass: an internal fault, or an edited shader."""
 
 
 def shown(value: object) -> str:

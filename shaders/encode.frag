@@ -46,8 +46,8 @@ vec3 code_of(vec3 light, int row) {
     vec3 root = sqrt(clamp(light, 0.0, 1.0));
 #ifdef SEGMENT
     vec3 each = looked_up(segments, root, 2 * row);
-    vec3 beside = looked_up(segments, vec3(sqrt(min(min(each.r, each.g), each.b))), 2 * row + 1);
-    root = sqrt(max(root * root - beside, 0.0));
+    vec3 segment = looked_up(segments, vec3(sqrt(min(min(each.r, each.g), each.b))), 2 * row + 1);
+    root = sqrt(max(root * root - segment, 0.0));
 #endif
     return looked_up(inverse_response, root, row);
 }

@@ -4,7 +4,6 @@
 // Inputs: `seen`, light under full drive; `ambient`, light without drive; `mask`, not 0 inside; of one size.
 // Defines: MIXED: `seen` is without ambient light, and grey is mixed by each pixel's matrix, `row_red`, `row_green`,
 //   `row_blue` (grey_reach in player/maps/mixing.py); `unlimited` is the grey where a primary is not needed.
-//   ABOVE: the output is the light that full drive adds.
 // Output: that grey; alpha 1 inside the mask where every channel is lit, 0 elsewhere.
 // Pass: player/passes/reach.py.
 uniform sampler2D seen, ambient;
@@ -29,9 +28,6 @@ void main() {
     }
 #else
     bool lit = all(greaterThan(light, dark));
-#endif
-#ifdef ABOVE
-    light -= dark;
 #endif
     reach = vec4(light, lit && texelFetch(mask, at, 0).r != 0u ? 1.0 : 0.0);
 }

@@ -324,3 +324,9 @@ def test_compiling_is_said_only_where_something_is_compiled(
         said.append(capsys.readouterr().out)
     assert re.fullmatch(f"compiling for this processor, {how}.*: 1 passes left\n", said[0])
     assert said[1] == ("" if kept_in else said[0])
+
+
+def test_the_processor_refuses_the_weighed_residual_of_maps_in_words(rng: np.random.Generator) -> None:
+    room = random_room(rng, far=False)
+    with pytest.raises(ValueError, match="needs maps in words"):
+        CpuDevice().store(room).of(room.maps.transport).product("WEIGHED_RESIDUAL")

@@ -22,6 +22,9 @@ from counterlight.pipeline.operators import drive_of
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import read_room
 from counterlight.show import output
+from counterlight.show.command_line import read_options
+from counterlight.show.from_options import governor_of, path_of, room_of
+from counterlight.show.options import WITHOUT_COMPENSATION
 from counterlight.tools import build_correction_map
 from counterlight.tools.shipped import CLIP
 from counterlight.tools.solve.box import Box
@@ -225,6 +228,26 @@ def test_a_map_without_refinement_plays_and_says_what_is_missing(room: Path, tmp
     succeed("play", room, CLIP, "--output", out, "--refine", "0")
     sizes = [float(re.findall(r"([\d.]+) MiB", text)[0]) for text in (summary, succeed("build", room))]
     assert sizes[0] < sizes[1]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--budget", "20"],
+        ["--within", "0.5"],
+        ["--refine-from", "map"],
+        ["--entries", "words"],
+        ["--refine", "auto"],
+        ["--backend", "cpu"],
+    ],
+)
+def test_the_safe_picture_starts_after_any_options_of_refinement(room: Path, words: list[str]) -> None:
+    line = str(room), str(CLIP), "--no-config", *words, *WITHOUT_COMPENSATION
+    options = read_options(line, "")
+    read = room_of(options)
+    assert read.maps.refinement is None
+    assert governor_of(options, read, read.default_steps).steps == 0
+    assert path_of(options).entries != "words"
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,9 @@ def test_a_screen_that_is_the_view_places_as_without(rng: np.random.Generator) -
 
 
 @pytest.mark.parametrize("size", [(9, 12), (400, 300)])
-def test_compiled_passes_place_as_their_twin(rng: np.random.Generator, screen: Screen, size: tuple[int, int]) -> None:
+def test_compiled_passes_place_as_the_reference_does(
+    rng: np.random.Generator, screen: Screen, size: tuple[int, int]
+) -> None:
     source = rng.uniform(size=(*size, 3))
     H = homography(((0.1, 0.05), (0.95, 0.1), (0.9, 0.9), (0.0, 0.8)), screen.shape, size)
     drawn = []

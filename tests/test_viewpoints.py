@@ -166,8 +166,8 @@ def test_the_view_shown_is_that_of_the_largest_share(views: list[PhysicalRoom]) 
 
 def test_the_compiled_renderer_between_views_is_numpys(views: list[PhysicalRoom]) -> None:
     room = as_set(views)
-    compiled, twin = (drawn(kind(room), "all", 6) for kind in (CpuRenderer, ReferenceRenderer))
-    np.testing.assert_allclose(compiled, twin, atol=2e-5)  # float32 against float64, six steps
+    compiled, reference = (drawn(kind(room), "all", 6) for kind in (CpuRenderer, ReferenceRenderer))
+    np.testing.assert_allclose(compiled, reference, atol=2e-5)  # float32 against float64, six steps
 
 
 def test_a_pixel_that_another_view_sees_is_not_held_dark(views: list[PhysicalRoom]) -> None:

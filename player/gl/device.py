@@ -70,8 +70,23 @@ class GlDevice:
         return _Encoder(self._context, shape, response, scale, dither, self._bits)
 
     def stepper(self, shape: tuple[int, int], prior: Ties[moderngl.Texture]) -> "_Stepper":
-        pairs = ([float_texture(self._context, shape) for _ in range(2)] for _ in range(2))
-        return _Stepper([Canvas(self._context, self._programs, *pair) for pair in pairs], prior)
+        self._programs.prepare(Step)
+        owner = Owner()
+        try:
+            return _Stepper(owner, [owner.own(self._pair(shape)) for _ in range(2)], prior)
+        except BaseException:
+            owner.release()
+            raise
+
+    def _pair(self, shape: tuple[int, int]) -> Canvas:
+        """Return a canvas of two pictures."""
+        first = float_texture(self._context, shape)
+        try:
+            second = float_texture(self._context, shape)
+        except BaseException:
+            first.release()
+            raise
+        return Canvas(self._context, self._programs, first, second)
 
     def total(self, shape: tuple[int, int]) -> "_Total":
         return _Total(self, shape)
@@ -134,8 +149,8 @@ class _Encoder:
 class _Stepper:
     """The pass refinement_step, alternating between two pairs of pictures."""
 
-    def __init__(self, canvases: Sequence[Canvas], prior: Ties[moderngl.Texture]) -> None:
-        self._canvases, self._prior = canvases, prior
+    def __init__(self, owner: Owner, canvases: Sequence[Canvas], prior: Ties[moderngl.Texture]) -> None:
+        self._owner, self._canvases, self._prior = owner, canvases, prior
 
     def run(
         self,
@@ -150,8 +165,7 @@ class _Stepper:
         return following.pictures[0], following.pictures[1]
 
     def release(self) -> None:
-        for canvas in self._canvases:
-            canvas.release()
+        self._owner.release()
 
 
 class _Total:

@@ -123,11 +123,11 @@ class ScreenPass:
 
 
 class Programs:
-    """The programs of passes: each shader is compiled once per set of defines, on its first draw."""
+    """The programs of passes: each shader is compiled once per set of defines, by `prepare` or on its first draw."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        self._made: dict[tuple[str, tuple[str, ...]], ScreenPass] = {}
+        self._made: dict[tuple[str, frozenset[tuple[str, int | None]]], ScreenPass] = {}
 
     def draw(self, made: Pass[moderngl.Texture]) -> None:
         """Draw a pass into the current framebuffer."""
@@ -140,12 +140,19 @@ class Programs:
                 continue
             if optional:
                 defines[name.upper()] = None
-        key = made.shader, tuple(defines)
-        if key not in self._made:
-            self._made[key] = ScreenPass(self._context, made.shader, defines)
-        program = self._made[key]
+        program = self._program(made.shader, defines)
         program.set(**uniforms)
         program.draw(**textures)
+
+    def prepare(self, kind: type[Pass[moderngl.Texture]]) -> None:
+        """Compile the program of a pass without optional inputs. Raises ShaderError."""
+        self._program(kind.shader, kind.defines)
+
+    def _program(self, shader: str, defines: Mapping[str, int | None]) -> ScreenPass:
+        key = shader, frozenset(defines.items())
+        if key not in self._made:
+            self._made[key] = ScreenPass(self._context, shader, defines)
+        return self._made[key]
 
     def release(self) -> None:
         for program in self._made.values():
@@ -153,12 +160,16 @@ class Programs:
 
 
 class Canvas:
-    """Textures that passes are drawn into together; most passes have one. The caller releases the canvas."""
+    """Owns textures that passes are drawn into together; most passes have one. The caller releases the canvas."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, *pictures: moderngl.Texture) -> None:
         self.pictures = pictures
         self._context, self._programs = context, programs
-        self._framebuffer = context.framebuffer(pictures)
+        try:
+            self._framebuffer = context.framebuffer(pictures)
+        except BaseException:
+            self._release_pictures()
+            raise
         self.clear()
 
     @property
@@ -177,6 +188,9 @@ class Canvas:
     def release(self) -> None:
         self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
         self._framebuffer.release()
+        self._release_pictures()
+
+    def _release_pictures(self) -> None:
         for picture in self.pictures:
             picture.release()
 

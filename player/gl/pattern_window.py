@@ -10,6 +10,7 @@ from counterlight.gl.window import Window
 from counterlight.overlay.osd import Page
 
 ESCAPE = "escape"
+CLOSED = "closed"  # a key name that no keyboard sends
 
 
 class PatternWindow:
@@ -58,11 +59,8 @@ class PatternWindow:
         self._window.release()
 
 
-CLOSED = "closed"  # a key name that no keyboard sends
-
-
 class PreviewWindow:
-    """A preview window.
+    """A plain window that shows a camera's live picture with a page of text.
 
     shape : (height, width) of its pictures.
     monitor : monitor where it opens.

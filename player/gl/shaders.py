@@ -7,10 +7,12 @@ from importlib import resources
 
 import moderngl
 
+from counterlight.errors import DrawingError
+
 VERTEX = "fullscreen.vert"
 
 
-class ShaderError(RuntimeError):
+class ShaderError(DrawingError):
     """A product shader does not compile on this driver: an internal fault, with file and line."""
 
 

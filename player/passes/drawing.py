@@ -1,8 +1,8 @@
 """A pass: pictures and numbers in, one picture out. Backends draw passes into canvases.
 
-A pass is a frozen dataclass. Its fields have the names of the shader's inputs: pictures are textures, numbers and
-tuples are uniforms, and True defines the field's name in capitals. A picture, or a group of inputs, that may be None
-defines its name if it is given.
+A pass is a frozen dataclass whose fields are its shader's inputs, by name. A picture is a texture; a number or tuple is
+a uniform. A field that is True, and an optional picture or group that is given, defines its name in capitals. An
+optional number defines nothing.
 """
 
 from collections.abc import Iterator, Mapping

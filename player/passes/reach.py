@@ -12,13 +12,14 @@ from counterlight.passes.mixing import stacked
 
 @dataclass(frozen=True, eq=False)
 class Reach(Pass[Picture]):
-    """That grey; the fourth channel is 1 for pixels inside the mask that are lit in every channel, else 0.
+    """The brightest grey per primary.
+
+    The fourth channel is 1 for pixels inside the mask that are lit in every channel, else 0.
 
     seen : light of full drive; with `mixed`, without ambient light.
     ambient : light without drive.
     mixed : rows of a matrix per pixel, by which grey is mixed.
     unlimited : with `mixed`, the grey where a primary is not needed.
-    above : keep only the light that full drive adds.
     """
 
     shader = "reach.frag"
@@ -28,7 +29,6 @@ class Reach(Pass[Picture]):
     mask: Picture
     mixed: Rows[Picture] | None = None
     unlimited: float | None = None
-    above: bool = False
 
     def fill(self: "Reach[Array]", out: Array) -> None:
         seen, ambient, mask = self.seen, self.ambient, self.mask > 0
@@ -36,7 +36,7 @@ class Reach(Pass[Picture]):
             reach = grey_reach(stacked(self.mixed), seen, ambient)
             out[...] = counted(reach, mask & np.all(seen > 0, axis=2))
         else:
-            out[...] = counted(seen - ambient if self.above else seen, mask & np.all(seen > ambient, axis=2))
+            out[...] = counted(seen, mask & np.all(seen > ambient, axis=2))
 
 
 def counted(reach: NDArray[np.floating], counts: NDArray[np.bool_]) -> NDArray[np.floating]:

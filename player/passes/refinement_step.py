@@ -21,7 +21,7 @@ class Ties(Generic[Picture]):
 
 @dataclass(frozen=True, eq=False)
 class Step(Pass[Picture]):
-    """The next p and y, drawn into two pictures.
+    """The next p and y. Draws two pictures; devices draw it by their stepper, and the CPU by `fill_both`.
 
     descent : TᵀW(b − T y).
     step_size : pixels with step size 0 stay dark.

@@ -1,4 +1,4 @@
-"""Pictures that show what a room cannot: colours instead of a view, or over it (pipeline/views.py)."""
+"""Maps of what a room cannot show, drawn instead of a view or over it (pipeline/views.py); and the split view."""
 
 from dataclasses import dataclass
 

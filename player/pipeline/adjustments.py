@@ -44,7 +44,7 @@ KINDS: dict[str, Kind] = {
     "tone_mapping": Choice(("bt.2390", "clip")),
     "lut_type": Choice(("native", "conversion")),
     "viewpoint": Places("all", FARTHEST, MOST_VIEWS),
-    "card": Choice(("no", *CARDS)),
+    "card": Choice(CARDS),
 }
 
 
@@ -83,8 +83,10 @@ class Adjustments:
     def __post_init__(self) -> None:
         for name, kind in KINDS.items():
             value = getattr(self, name)
+            if name == "card" and value is None:
+                continue
             try:
-                kind.read("no" if name == "card" and value is None else value)
+                kind.read(value)
             except UnreadError as error:
                 raise InputError(f"{'test-card' if name == 'card' else name.replace('_', '-')}: {error}") from None
         if self.corners is not None:

@@ -111,6 +111,8 @@ class _Map(Held):
         self._rows = Rows(packed)
 
     def product(self, combining: Combining = "") -> "_Product":
+        if combining == "WEIGHED_RESIDUAL":
+            raise ValueError("WEIGHED_RESIDUAL needs maps in words, which the processor does not store")
         return _Product(self._rows, combining)
 
 

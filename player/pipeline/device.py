@@ -35,8 +35,10 @@ Taken = TypeVar("Taken", contravariant=True)  # `Picture` where a protocol only 
 class GpuPath:
     """The way in which a GPU multiplies with a room's maps.
 
-    shader : of SHADERS: shaders/*.frag, available everywhere, or shaders/*.comp, which need OpenGL 4.3.
-    entries : of ENTRIES: 16 bytes each, or T and Tᵀ in words of 4 bytes. In both, "auto" takes what is fastest.
+    shader : "fragment" (shaders/*.frag, OpenGL 3.3), "compute" (shaders/*.comp, OpenGL 4.3), or "auto".
+    entries : "16" (bytes per entry), "words" (T and Tᵀ in words of 4 bytes), or "auto".
+
+    "auto" measures at startup and keeps the fastest.
     """
 
     shader: str = "fragment"

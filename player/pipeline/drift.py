@@ -157,16 +157,12 @@ def write_drift(stored: StoredCalibration, drift: Drift) -> None:
         write_toml(stage / FILE, _to_toml(stored, drift, describe_files(stage)))
 
 
-def resampled(picture: Light, N: FloatArray, whole: float = -0.5, fade: float = 1.0) -> FloatArray:
-    """Return p(N x) for every pixel x, (height, width, channels), weighted by the share of x that falls on the picture.
-
-    whole : pixels up to this distance outside the picture count fully.
-    fade : distance in pixels over which the weight then falls to 0.
-    """
+def resampled(picture: Light, N: FloatArray) -> FloatArray:
+    """Return p(N x) for every pixel x, (height, width, channels), times the share of x that falls on the picture."""
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
     depth = np.minimum(at, (width, height) - at)
-    lands = ahead * np.clip(1 + (depth + whole) / fade, 0, 1).prod(axis=2)
+    lands = ahead * np.clip(0.5 + depth, 0, 1).prod(axis=2)
     return np.asarray(lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape))
 
 

@@ -89,7 +89,7 @@ class MapViews(Generic[Picture]):
     @cached_property
     def full(self) -> Picture:
         """T·1, the light of full drive."""
-        return self._full_drive(self._mixer.black, above=True)
+        return self._full_drive(self._mixer.black)
 
     @cached_property
     def most(self) -> Picture:
@@ -102,7 +102,6 @@ class MapViews(Generic[Picture]):
         *,
         with_ambient: bool = False,
         mixed: Rows[Picture] | None = None,
-        above: bool = False,
         far: bool = True,
     ) -> Picture:
         """Draw Reach over the light of full drive. with_ambient : whether this light includes ambient light."""
@@ -113,7 +112,7 @@ class MapViews(Generic[Picture]):
             drive = temporary.own(self._device.picture(np.ones((*self._projector, 3), np.float32)))
             mask = temporary.own(self._device.mask(self._room.calibration.mask))
             seen = observer.run(drive) if with_ambient else observer.light(drive)
-            return canvas.draw(Reach(seen, ambient, mask, mixed, None if mixed is None else UNLIMITED, above))
+            return canvas.draw(Reach(seen, ambient, mask, mixed, None if mixed is None else UNLIMITED))
         finally:
             temporary.release()
 

@@ -2,7 +2,8 @@
 bit (thesis 5.2).
 
 The choice of view, drive and certificate is written once for every device (device.py). Device objects are made when a
-room or medium is opened, or on first use (a view, an adjustment). A frame allocates nothing.
+room or medium is opened, or on first use (a view, an adjustment). OpenGL compiles most passes on their first draw. All
+other frames allocate nothing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -153,7 +154,8 @@ class Renderer(Generic[Picture]):
     def adjust(self, adjustments: Adjustments) -> None:
         """Apply the viewer's settings from the next render on; they persist when another medium is opened.
 
-        Passes that are used for the first time are built here, so that frames allocate nothing.
+        Pictures for an adaptation, a card, corners or a damper are made here, on first use. OpenGL compiles a pass that
+        it has not drawn yet in the next frame.
         """
         previous = self._adjustments
         if adjustments.viewpoint != previous.viewpoint:

@@ -4,7 +4,7 @@ import sys
 
 from counterlight.command import tell
 from counterlight.passes import kernel
-from counterlight.pipeline import cpu_renderer  # noqa: F401  # imports every pass
+from counterlight.pipeline import cpu_renderer  # noqa: F401  # registers every kernel (passes/kernel.py, KERNELS)
 
 
 def compile_passes() -> None:

@@ -34,10 +34,10 @@ def room_of(options: argparse.Namespace) -> Room:
         value = getattr(options, name)
         if options.backend == "cpu" and value is not None:
             raise InputError(f"--{name} {value}: --backend cpu has no GPU to use it; leave one of them out")
-    words = path_of(options).entries != "16"
+    words = options.backend != "cpu" and path_of(options).entries != "16"
     steps, start = steps_of(options), options.refine_from
     room = read_room(options.calibration, white, options.dither, start, refinement=steps != 0, words=words)
-    if (steps or start) and any(view.maps.refinement is None for view in room.views):
+    if steps != 0 and (steps or start) and any(view.maps.refinement is None for view in room.views):
         raise InputError(
             f"{options.calibration}: its maps were built without what refinement needs; rebuild them with: "
             f"counterlight build {options.calibration}, or leave out --refine, --refine-from, --budget and --within"
@@ -46,9 +46,18 @@ def room_of(options: argparse.Namespace) -> Room:
 
 
 def path_of(options: argparse.Namespace) -> GpuPath:
-    """Return how a GPU multiplies. By default, a window takes what is fastest, and a file what repeats."""
+    """Return how a GPU multiplies; words of 4 bytes only if refinement can use them.
+
+    By default a window measures and keeps the fastest path; a file uses a fixed path, so that its result repeats.
+    """
     usual = GpuPath("auto", "auto") if options.output is None else EVERYWHERE
-    return GpuPath(options.shader or usual.shader, options.entries or usual.entries)
+    entries = "16" if _uncompensated(options) else options.entries or usual.entries
+    return GpuPath(options.shader or usual.shader, entries)
+
+
+def _uncompensated(options: argparse.Namespace) -> bool:
+    """Whether the show begins, and stays, without refinement. Options for refinement then have no effect."""
+    return options.refine == 0 and not options.compensation
 
 
 def backend_of(options: argparse.Namespace) -> str:
@@ -70,7 +79,7 @@ def steps_of(options: argparse.Namespace) -> Steps | None:
         raise InputError(
             "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
         )
-    if steps == 0 and options.refine_from is not None:
+    if steps == 0 and options.refine_from is not None and not _uncompensated(options):
         start = options.refine_from
         raise InputError(
             f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
@@ -85,8 +94,8 @@ def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor
     """
     offers = room.offers if options.refine_from is None else ()
     quick = room.maps.correction_in_steps < room.maps.direct_in_steps + 1
-    told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "quick": quick}
-    return Governor(usual, options.refine, **told)
+    limits = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "quick": quick}
+    return Governor(usual, options.refine, **limits)
 
 
 def playing_of(options: argparse.Namespace) -> Playing:

@@ -19,6 +19,7 @@ from counterlight.pipeline.adjustments import KINDS, NEUTRAL
 from counterlight.pipeline.device import BACKENDS, ENTRIES, SHADERS
 from counterlight.pipeline.refinement import MOST_STEPS, STARTS
 from counterlight.pipeline.room import DITHERS
+from counterlight.pipeline.test_cards import CARDS
 from counterlight.pipeline.value_types import FLAG, MANY, Anything, Choice, Kind, Number
 from counterlight.pipeline.views import VIEWS
 from counterlight.remote.addresses import LOOPBACK, PAGE_PORT, Address, parse_address
@@ -216,7 +217,7 @@ GROUPS: dict[str, dict[str, Option]] = {
         ),
         "test-card": Option(
             "show a test card instead of the media",
-            KINDS["card"],
+            Choice(("no", *CARDS)),
             "no",
             keys={"t": ("cycle test-card", "test cards, sent as they are")},
         ),
@@ -428,4 +429,5 @@ GROUPS: dict[str, dict[str, Option]] = {
     },
 }
 OPTIONS = {name: row for rows in GROUPS.values() for name, row in rows.items()}
-WITHOUT_COMPENSATION = "--no-compensation", "--refine=0", "--view=projector"  # needs the least of a damaged room
+# for the end of a command line: needs the least of a damaged room
+WITHOUT_COMPENSATION = "--no-compensation", "--refine=0", "--budget=no", "--within=no", "--view=projector"

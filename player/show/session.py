@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from counterlight.command import tell
-from counterlight.errors import InputError, printable
+from counterlight.errors import DrawingError, InputError, printable
 from counterlight.media.audio import AudioOutput
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.media.medium import Medium
@@ -64,7 +64,11 @@ class Playing:
 
 @dataclass(frozen=True)
 class Showing:
-    """What the screen shows when the session begins, as the options of the same names say."""
+    """What the screen shows when the session begins.
+
+    view, compensation, blackout, osd : the options of these names.
+    adjustments : the viewer's settings.
+    """
 
     view: str = "projector"
     compensation: bool = True
@@ -151,6 +155,7 @@ class Session:
         self._leaving: Leaving | None = None
         self._faded = 1.0, 0.0  # of the last rendered picture: share of the light, and share of the leaving medium
         self._quitting = False
+        self._undrawn: str | None = None  # why the last frame could not be drawn
         self._follows_s: float | None = None  # when the next medium's first frame is due on the screen
         self.programme = Programme(
             playlist,
@@ -564,21 +569,30 @@ class Session:
 
     def _render(self) -> None:
         timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
-        steps = draw(
-            self.renderer,
-            self.governor,
-            self.stats,
-            self.view,
-            compensate=self.compensation,
-            frame=self.stats.frames,
-            timed=timed,
-        )
+        self._changed = False
+        try:
+            steps = draw(
+                self.renderer,
+                self.governor,
+                self.stats,
+                self.view,
+                compensate=self.compensation,
+                frame=self.stats.frames,
+                timed=timed,
+            )
+        except DrawingError as error:  # an edited shader that no earlier frame has used; the last picture stays
+            if not self._draws:
+                raise
+            if self._undrawn != str(error):
+                self._undrawn = str(error)
+                self.notice(f"not drawn: {error}")
+            return
+        self._undrawn = None
         if timed:
             self._timed_at = self.clock()
         self._draws += 1
         self.rendered_view, self._steps_drawn = self.view, steps
         self._steps_made += steps
-        self._changed = False
 
     def wait_s(self) -> float:
         """Return the seconds until something is due, unless a command comes first."""

@@ -89,7 +89,7 @@ def test_what_the_room_alone_makes_too_bright_is_told_and_not_asked_for(
     lamp = np.where(rng.uniform(size=(*CAMERA, 1)) < 0.3, 0.2, room.calibration.ambient).astype(np.float32)
     room = replace(room, calibration=replace(room.calibration, ambient=lamp))
     picture = 0.4 * rng.uniform(size=(*CAMERA, 3)).astype(np.float32)
-    for index in range(2):  # on the GPU, and its twin
+    for index in range(2):  # on the GPU, and on the CPU
         shown = [seen(gl_context, room, each, steps)[index] for each in (picture, np.maximum(picture, lamp))]
         (drive, error, certificate), (possible, exact, measured) = shown
         np.testing.assert_array_equal(drive, possible)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterlight.passes.shown_maps import Split
 from tests.desktop import expected_picture, screen
 from tests.programs import PATIENCE_S, ROOT, on, running, wait_until
 from tests.remote import Client
@@ -98,6 +99,30 @@ def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
     assert client.ask("reload")["error"] == "success"
     wait_until(lambda: "not reloaded" in client.get("message"), "what is wrong", playing_copy)
     for compensation in (False, True):
+        assert client.ask("set_property", "compensation", compensation)["error"] == "success"
+        wait_until(
+            lambda c=compensation: np.array_equal(screen(xvfb, BOX), corrected) == c, "the picture", playing_copy
+        )
+    client.close()
+
+
+def test_a_shader_that_only_another_view_draws_does_not_end_the_show(
+    xvfb: str,
+    installed: Path,
+    plain_room: Path,
+    noise_picture: Path,
+    tmp_path: Path,
+    playing_copy: subprocess.Popen[str],
+) -> None:
+    corrected = expected_picture(plain_room, noise_picture, tmp_path)
+    wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
+    client = Client(installed / "show.socket")
+    (installed / "counterlight" / "shaders" / Split.shader).write_text("#version 330 core\nvoid main() { nothing }")
+    assert client.ask("reload")["error"] == "success"
+    assert client.ask("set_property", "view", "split")["error"] == "success"
+    wait_until(lambda: f"not drawn: shaders/{Split.shader}" in client.get("message"), "what is wrong", playing_copy)
+    for compensation in (False, True):
+        assert client.ask("set_property", "view", "projector")["error"] == "success"
         assert client.ask("set_property", "compensation", compensation)["error"] == "success"
         wait_until(
             lambda c=compensation: np.array_equal(screen(xvfb, BOX), corrected) == c, "the picture", playing_copy

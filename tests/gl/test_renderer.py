@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
+from counterlight.gl import device, shaders
 from counterlight.gl.device import GlDevice
 from counterlight.gl.gpu_maps import MapTextures
 from counterlight.gl.passes import ShaderPass, float_texture, table_texture
@@ -14,11 +15,13 @@ from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.shaders import ShaderError, build_program
 from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
+from counterlight.passes.refinement_step import Ties
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.room import DITHERS
 from counterlight.response import parse_response
 from tests.oracles import encoding, formulas
 from tests.oracles.renderer import ReferenceDevice
+from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import (
     CAMERA,
@@ -228,10 +231,10 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
     frame, shown = yuv_frame(rng, (9, 15)), {}
     alike = tuple((width, "srgb") for width, _ in strips)
     for name, each in (("unlike", strips), ("alike", alike), ("mixed", ((6, MIXED), (7, "srgb")))):
-        with both(gl_context, in_strips(alone, each), frame) as (gl, twin):
-            for renderer in (gl, twin):
+        with both(gl_context, in_strips(alone, each), frame) as (gl, reference):
+            for renderer in (gl, reference):
                 renderer.render("projector", compensate=True, frame=7)
-            assert np.mean(gl.encoded() != twin.encoded()) < 0.01  # rounding, as above
+            assert np.mean(gl.encoded() != reference.encoded()) < 0.01  # rounding, as above
             shown[name] = gl.encoded()
     with both(gl_context, alone, frame) as (gl, _):
         gl.render("projector", compensate=True, frame=7)
@@ -301,8 +304,6 @@ def test_a_texture_that_the_gpu_cannot_hold_is_an_error_with_a_way_out(gl_contex
 
 
 def test_a_shader_error_names_file_and_line(gl_context: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    from counterlight.gl import shaders
-
     source = shaders.read_source("desired.frag").replace("b = vec4(light, 1.0);", "b = vec5(light);")
     line = source[: source.index("vec5")].count("\n") + 1
     original = shaders.read_source
@@ -319,3 +320,38 @@ def dense(packed: RowMap) -> np.ndarray:
         for r, g, b, index in packed.entries[y, x : x + length]:
             matrix[:, row, int(index)] += (r, g, b)
     return matrix
+
+
+def test_a_step_that_does_not_compile_is_refused_with_its_room(
+    gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the present view draws: a key may ask for compensation later."""
+    original = shaders.read_source
+    broken = "#version 330 core\nvoid main() { nothing }"
+    monkeypatch.setattr(
+        shaders, "read_source", lambda name: broken if name == "refinement_step.frag" else original(name)
+    )
+    with pytest.raises(shaders.ShaderError, match=r"refinement_step\.frag"):
+        GlRenderer(gl_context, physical_room(rng).room)
+
+
+@pytest.mark.parametrize("allocated", range(4))
+def test_a_stepper_without_memory_leaves_no_textures(
+    gl_context: moderngl.Context, monkeypatch: pytest.MonkeyPatch, allocated: int
+) -> None:
+    original, made = device.float_texture, []
+
+    def limited(context: moderngl.Context, shape: tuple[int, int]) -> moderngl.Texture:
+        if len(made) == allocated:
+            raise InputError("the GPU has no memory")
+        made.append(original(context, shape))
+        return made[-1]
+
+    monkeypatch.setattr(device, "float_texture", limited)
+    gl = device.GlDevice(gl_context)
+    ties = Ties(*(gl.picture(np.zeros((3, 4, 3))) for _ in range(3)))
+    with pytest.raises(InputError, match="no memory"):
+        gl.stepper((3, 4), ties)
+    assert len(made) == allocated
+    for resource in (gl, *vars(ties).values()):
+        resource.release()  # the fixture finds what remains

@@ -61,8 +61,8 @@ def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
     grid = np.linspace(0, 1, tables.shape[1])
     each = [np.interp(root[..., i], grid, tables[0, :, i]) for i in range(3)]
     darkest = np.sqrt(np.min(each, axis=0))
-    beside = np.stack([np.interp(darkest, grid, tables[1, :, i]) for i in range(3)], axis=-1)
-    return np.asarray(np.sqrt(np.maximum(root**2 - beside, 0)))
+    segment = np.stack([np.interp(darkest, grid, tables[1, :, i]) for i in range(3)], axis=-1)
+    return np.asarray(np.sqrt(np.maximum(root**2 - segment, 0)))
 
 
 def bayer(height: int, width: int) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from counterlight.passes.colour import LUMINANCE, LUMINANCE_2020, Decoding
 from counterlight.passes.moved import FADE, WHOLE
 from counterlight.passes.pinned import MOST_TAPS, TINY
 from counterlight.passes.planes_to_linear import LEAST, Rendition, Signal
-from counterlight.pipeline.drift import resampled
+from counterlight.pipeline.drift import positions, sampled
 from counterlight.raster import Region
 
 FloatArray = NDArray[np.floating]
@@ -270,5 +270,11 @@ def moved(drive: FloatArray, projectors: FloatArray) -> FloatArray:
     shown = np.zeros(drive.shape)
     for rows in np.asarray(projectors, np.float64):
         part = Region(*(int(value) for value in (*rows[3, :2], *rows[4, :2]))).part
-        shown[part] = np.clip(resampled(drive[part], rows[:3], WHOLE, FADE) / rows[5], 0, 1)
+        picture = drive[part]
+        height, width = picture.shape[:2]
+        at, ahead = positions(rows[:3], (height, width))
+        depth = np.minimum(at, (width, height) - at)
+        lands = ahead * np.clip(1 + (depth + WHOLE) / FADE, 0, 1).prod(axis=2)
+        landed = lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape)
+        shown[part] = np.clip(landed / rows[5], 0, 1)
     return shown
