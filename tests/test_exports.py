@@ -228,3 +228,15 @@ def test_what_cannot_be_exported_is_refused(wall: Path, tmp_path: Path) -> None:
     assert "no such folder" in fail("export", tmp_path / "nosuch", "--cube", tmp_path / "out.cube")
     assert "no such folder" in fail("export", wall, "--warp", tmp_path / "nosuch" / "out.exr")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_st_map_is_exact_also_next_to_an_mpcdi_file(wall: Path, tmp_path: Path) -> None:
+    succeed("export", wall, "--warp", tmp_path / "alone.exr")
+    succeed("export", wall, "--mpcdi", tmp_path / "out.mpcdi", "--warp", tmp_path / "both.exr")
+    assert (tmp_path / "alone.exr").read_bytes() == (tmp_path / "both.exr").read_bytes()
+
+
+def test_an_output_that_cannot_be_written_leaves_no_file(wall: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.ocio").mkdir()
+    assert "name a file" in fail("export", wall, "--mpcdi", tmp_path / "out.mpcdi", "--cube", tmp_path / "out.cube")
+    assert [path.name for path in tmp_path.iterdir()] == ["out.ocio"]

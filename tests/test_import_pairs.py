@@ -11,9 +11,11 @@ from counterlight import calibration
 from counterlight.files.picture_files import read_picture
 from counterlight.tools import build_correction_map
 from counterlight.tools.import_pairs import main
-from counterlight.tools.pairs.fitting import Fitted, fit_pairs
+from counterlight.tools.pairs.fitting import Fitted, agreement, capture_gains, fit_pairs
 from counterlight.tools.pairs.geometry import regression
 from counterlight.tools.pairs.matching import matched
+from counterlight.tools.pairs.model import fit
+from counterlight.tools.pairs.photographs import read_photographs
 from counterlight.tools.pairs.room import ambient_of, transport_of
 from counterlight.tools.transport.storage import read_transport
 from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
@@ -172,3 +174,43 @@ def test_a_list_of_pairs_is_read_and_checked(
     assert "line 2 has 1 names" in refusal(capsys, pictures, photographs, "--pairs", str(listed))
     listed.write_text("frame000.png, IMG_100.png\n")
     assert "IMG_100.png, which does not exist" in refusal(capsys, pictures, photographs, "--pairs", str(listed))
+    listed.write_text("frame000.png, IMG_000.png\nframe001.png, IMG_000.png\n", "utf-8-sig")
+    assert "line 2 names IMG_000.png again" in refusal(capsys, pictures, photographs, "--pairs", str(listed))
+
+
+@pytest.mark.filterwarnings("error")
+def test_gains_come_from_pixels_that_are_bright_and_not_saturated() -> None:
+    expected = np.tile(np.linspace(0.1, 0.8, 4000).reshape(40, 100, 1), (4, 1, 1, 3))
+    captures = 1.2 * expected
+    captures[1] = np.where(expected[1] > 0.4, 1, captures[1])  # the brighter half is saturated
+    expected[2] = captures[2] = 0.001  # black
+    gains = capture_gains(expected, captures, np.ones((40, 100), bool))
+    np.testing.assert_allclose(gains[:, 0], [1.2, 1, 1, 1.2])
+
+
+def test_saturated_captures_stay_saturated_at_another_gain(rng: np.random.Generator) -> None:
+    shown = rng.uniform(0, 1, (20, 12, 12, 3)).astype(np.float32)
+    captures = np.minimum(1.4 * shown, 1)
+    gains = np.full((20, 3), 1.1)
+    clipped = captures >= 0.98
+    changed = np.where(clipped, 1.0, captures).astype(np.float32)
+    model = fit(shown, changed, gains=gains, linear=True)
+    unsaturated = np.abs(model.predict(shown) - captures / 1.1)[~clipped]
+    wrong = np.abs(fit(shown, changed / np.float32(1.1), linear=True).predict(shown) - captures / 1.1)[~clipped]
+    assert unsaturated.mean() < 0.7 * wrong.mean()
+
+
+def test_a_reduced_pixel_is_saturated_where_any_site_is(tmp_path: Path) -> None:
+    picture = np.full((8, 8, 3), 20000, np.uint16)
+    picture[0, 0] = 65535
+    write(tmp_path / "a.png", picture)
+    found = read_photographs([tmp_path / "a.png"], None, (4, 4))[0]
+    assert (found[0, 0] == 1).all()
+    assert (found[1:] < 0.4).all()
+
+
+def test_a_shift_of_a_small_lit_region_is_unclear() -> None:
+    lit = np.zeros((40, 40), bool)
+    lit[5:15, 5:15] = True
+    both = np.random.default_rng(1).uniform(0, 1, (3, 40, 40, 3)).astype(np.float32)
+    assert (agreement(both, both, lit).shift == 0).all()

@@ -31,6 +31,7 @@ class Diagonal:
     seen : (height, width). False where no camera pixel sees a projector pixel; the place is then its neighbour's.
     alpha, beta : (height, width, 3), 0 to 1, linear light. 0 where a projector pixel is not seen.
     target : (height, width) of the target picture.
+    black : (3,). Radiance that black is lifted to.
     """
 
     places: FloatArray
@@ -38,6 +39,7 @@ class Diagonal:
     alpha: FloatArray
     beta: FloatArray
     target: tuple[int, int]
+    black: FloatArray
 
     def drive(self, picture: FloatArray) -> FloatArray:
         """Returns the drive for a target picture (height, width, 3), linear: what other programs show of it."""
@@ -68,15 +70,21 @@ def diagonal(room: Room) -> Diagonal:
     alpha = np.clip((room.white - black) / full / np.maximum(1 - beta, 1e-6), 0, 1)
     places = per_projector_pixel(_positions(room)) / size[::-1]
     nearest = ndimage.distance_transform_edt(~lit, return_distances=False, return_indices=True)
-    return Diagonal(places[tuple(nearest)], lit, alpha * lit[..., None], beta * lit[..., None], size)
+    return Diagonal(places[tuple(nearest)], lit, alpha * lit[..., None], beta * lit[..., None], size, black)
 
 
 def lost(room: Room, kept: Diagonal) -> tuple[float, float]:
-    """Returns the PSNR in dB, relative to white, of a typical picture: by the diagonal, and by the best drive."""
+    """Returns the PSNR in dB, relative to white, of a typical picture: by the diagonal, and by the best drive.
+
+    Both are judged by the lifted target b + (w - b) m, which the diagonal aims at.
+    """
     source = np.repeat(typical_pictures(kept.target)[0][..., None], 3, axis=2)
-    best = solve(room, on_cameras(source, room.calibration))
-    error = (room.seen(kept.drive(source)) - best.target) / best.white
-    return _decibels(error[room.mask]), _decibels(best.error[room.mask])
+    picture = on_cameras(source, room.calibration)
+    target = kept.black + (room.white - kept.black) * picture
+    best = solve(room, target / room.white)
+    errors = ((seen - target)[room.mask] / room.white for seen in (room.seen(kept.drive(source)), best.seen))
+    warped, solved = map(_decibels, errors)
+    return warped, solved
 
 
 def _footprints(room: Room) -> Csr:

@@ -1,5 +1,6 @@
 """counterlight export: the outputs, whole or not at all, and what the diagonal of T loses."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from counterlight.tools.api import Room, read_room
@@ -15,31 +16,35 @@ def export(folder: Path, mpcdi: Path | None, warp: Path | None, cube: Path | Non
     for path, suffix in ((mpcdi, ".mpcdi"), (warp, ".exr"), (cube, ".cube")):
         if path is not None:
             check_file(path, suffixes=(suffix,), inputs=room_files)
-    check_apart(mpcdi, warp, cube)
     room = read_room(folder)
+    cubes, config = _colour_files(room, cube) if cube is not None else ([], None)
+    for path in (*cubes, *([config] if config else [])):
+        check_file(path, inputs=room_files)
+    check_apart(mpcdi, warp, *cubes, config)
     lines = []
-    if mpcdi is not None or warp is not None:
-        lines += _write_maps(room, diagonal(room), mpcdi, warp)
-    if cube is not None:
-        lines += _write_colour(room, cube)
+    with ExitStack() as stack:  # no file is put in place before all are written
+        if mpcdi is not None or warp is not None:
+            lines += _write_maps(stack, room, diagonal(room), mpcdi, warp)
+        if config is not None:
+            lines += _write_colour(stack, room, cubes, config)
     return "\n".join(lines)
 
 
-def _write_maps(room: Room, kept: Diagonal, mpcdi: Path | None, warp: Path | None) -> list[str]:
+def _write_maps(stack: ExitStack, room: Room, exact: Diagonal, mpcdi: Path | None, warp: Path | None) -> list[str]:
     regions = room.calibration.regions
-    covered = 100 * sum(float(kept.seen[region.part].sum()) for region in regions)
+    covered = 100 * sum(float(exact.seen[region.part].sum()) for region in regions)
     covered /= sum(region.width * region.height for region in regions)
     lines = []
+    judged = exact
     if mpcdi is not None:
-        kept = stored_in_mpcdi(kept)
-        with replacing_file(mpcdi) as temporary:
-            write_mpcdi(temporary, kept, regions)
-        lines.append(f"{mpcdi}: {len(regions)} projectors, {covered:.1f} % of their pixels are seen")
+        judged = stored_in_mpcdi(exact)
+        write_mpcdi(stack.enter_context(replacing_file(mpcdi)), judged, regions)
+        projectors = "1 projector" if len(regions) == 1 else f"{len(regions)} projectors"
+        lines.append(f"{mpcdi}: {projectors}, {covered:.1f} % of the pixels are seen")
     if warp is not None:
-        with replacing_file(warp) as temporary:
-            write_st_map(temporary, kept)
-        lines.append(f"{warp}: {kept.seen.shape[1]}x{kept.seen.shape[0]}, {covered:.1f} % of its pixels are seen")
-    warped, best = lost(room, kept)
+        write_st_map(stack.enter_context(replacing_file(warp)), exact)
+        lines.append(f"{warp}: {exact.seen.shape[1]}x{exact.seen.shape[0]}, {covered:.1f} % of its pixels are seen")
+    warped, best = lost(room, judged)
     lines.append(
         f"a typical picture: {warped:.1f} dB with this warp, {best:.1f} dB with the best drive; {best - warped:.1f} dB "
         "are lost, because only the diagonal of T remains"
@@ -47,16 +52,16 @@ def _write_maps(room: Room, kept: Diagonal, mpcdi: Path | None, warp: Path | Non
     return lines
 
 
-def _write_colour(room: Room, cube: Path) -> list[str]:
+def _colour_files(room: Room, cube: Path) -> tuple[list[Path], Path]:
+    """Return the paths of the tables, one per projector, and of the OpenColorIO configuration."""
     projectors = room.calibration.projectors
     several = len(projectors) > 1
-    paths = [cube.with_stem(f"{cube.stem}_{n}") if several else cube for n, _ in enumerate(projectors, 1)]
-    config = cube.with_suffix(".ocio")
-    for path in (*paths, config):
-        check_file(path)
-    for path, projector in zip(paths, projectors, strict=True):
-        with replacing_file(path) as temporary:
-            write_cube(temporary, projector)
-    with replacing_file(config) as temporary:
-        temporary.write_text(ocio_config([path.name for path in paths]))
-    return [f"{', '.join(map(str, paths))}: sRGB-encoded drive to code values; {config}: for OpenColorIO"]
+    cubes = [cube.with_stem(f"{cube.stem}_{n}") if several else cube for n, _ in enumerate(projectors, 1)]
+    return cubes, cube.with_suffix(".ocio")
+
+
+def _write_colour(stack: ExitStack, room: Room, cubes: list[Path], config: Path) -> list[str]:
+    for path, projector in zip(cubes, room.calibration.projectors, strict=True):
+        write_cube(stack.enter_context(replacing_file(path)), projector)
+    stack.enter_context(replacing_file(config)).write_text(ocio_config([path.name for path in cubes]))
+    return [f"{', '.join(map(str, cubes))}: sRGB-encoded drive to code values; {config}: for OpenColorIO"]

@@ -3,6 +3,7 @@
 import json
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -26,7 +27,7 @@ DATE = (1980, 1, 1, 0, 0, 0)  # of files in the archive, so that equal rooms giv
 def stored_in_mpcdi(kept: Diagonal) -> Diagonal:
     """Returns the maps with the 8-bit alpha and beta values that MPCDI files hold."""
     alpha, beta = ((_codes(light) / 255) ** GAMMA for light in (kept.alpha, kept.beta))
-    return Diagonal(kept.places, kept.seen, alpha, beta, kept.target)
+    return replace(kept, alpha=alpha, beta=beta)
 
 
 def write_mpcdi(path: Path, kept: Diagonal, regions: Sequence[Region]) -> None:

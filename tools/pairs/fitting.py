@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.pairs.geometry import MOST_PAIRS, NO_MATCH, Pictures, Places, find_places, refined, regression
-from counterlight.tools.pairs.model import CELLS, Model, fit
+from counterlight.tools.pairs.model import CELLS, SATURATED, Model, fit
 from counterlight.tools.pairs.processing import OWN, Processing, fit_processing, fit_response, level_shares
 
 ROUNDS = 2  # of response and places
 PATCH = (5, 5)  # camera pixels
 FLAT, FLATTEST = 0.03, 0.2  # deviation of code values around places where the response is fitted; share of places
 SAMPLES, LEAST_SAMPLES = 200_000, 1000
-SATURATED = 0.98  # of the camera's range
 MOST_SATURATED, LEAST_VARIED = 0.25, 0.02  # share of lit values; deviation of code values over the pairs
 LIT = 0.5  # correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
+LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # of the camera's range; camera pixels that determine a gain
 MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
 
 
@@ -32,6 +32,7 @@ class Fitted:
     processing : code values to light.
     factor : projector pixels per side of a pixel of the reduced pictures that places refer to.
     gains : (pairs, 3). Gain of each capture.
+    unsteady : (pairs,) bool. Captures whose gain is beyond MOST_GAIN, which the fit uses instead.
     lit : (height, width) bool. Camera pixels that the projector lights directly.
     """
 
@@ -40,6 +41,7 @@ class Fitted:
     model: Model
     factor: int
     gains: FloatArray
+    unsteady: BoolArray
     lit: BoolArray
 
     def shown(self, pictures: NDArray[np.uint8]) -> Pictures:
@@ -85,9 +87,12 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
     if lit.mean() < 0.01:
         raise InputError(NO_MATCH)
     coarse = fit(shown, captures, cells=CELLS[:1], linear=additive)
-    gains = _gains(coarse.predict(shown), captures, lit)
-    model = fit(shown, np.asarray(captures / gains[:, None, None], np.float32), linear=additive)
-    return Fitted(places, processing, model, factor, gains, lit)
+    measured = capture_gains(coarse.predict(shown), captures, lit)
+    unsteady = ((measured > MOST_GAIN) | (measured < 1 / MOST_GAIN)).any(axis=1)
+    gains = np.clip(measured, 1 / MOST_GAIN, MOST_GAIN)
+    gains /= np.exp(np.log(gains).mean(axis=0))
+    model = fit(shown, captures, gains=gains, linear=additive)
+    return Fitted(places, processing, model, factor, gains, unsteady, lit)
 
 
 def inside(places: Places, shape: tuple[int, int]) -> BoolArray:
@@ -150,14 +155,16 @@ def _shares(places: Places, picture: NDArray[np.uint8], factor: int, chosen: NDA
     return np.stack([level.reshape(-1, 3)[chosen] for level in levels], axis=-1)
 
 
-def _gains(predicted: Pictures, captures: Pictures, lit: BoolArray) -> FloatArray:
-    """Return the gain of each capture and channel, with a geometric mean of 1: (pairs, 3)."""
+def capture_gains(predicted: Pictures, captures: Pictures, lit: BoolArray) -> FloatArray:
+    """Return the gain of each capture and channel, (pairs, 3); 1 where too few pixels are bright and not saturated."""
     gains = np.ones((len(predicted), 3))
     for number, (expected, capture) in enumerate(zip(predicted[:, lit], captures[:, lit], strict=True)):
-        valid = (capture < SATURATED) & (expected > np.median(expected, axis=0))
-        gains[number] = np.nanmedian(np.where(valid, capture / np.maximum(expected, 1e-4), np.nan), axis=0)
-    gains = np.clip(gains, 1 / MOST_GAIN, MOST_GAIN)
-    return np.asarray(gains / np.exp(np.log(gains).mean(axis=0)))
+        valid = (capture < SATURATED) & (expected > np.maximum(np.median(expected, axis=0), LEAST_LIGHT))
+        for k in range(3):
+            chosen = valid[:, k]
+            if chosen.sum() >= LEAST_PIXELS:
+                gains[number, k] = np.median(capture[chosen, k] / expected[chosen, k])
+    return gains
 
 
 @dataclass(frozen=True)
@@ -192,6 +199,8 @@ def agreement(predicted: Pictures, captures: Pictures, lit: BoolArray) -> Agreem
 def _shift(predicted: NDArray[np.floating], capture: NDArray[np.floating], lit: BoolArray) -> float:
     """Return by how many camera pixels a capture is shifted against its prediction; 0 if unclear."""
     rows, columns = (np.flatnonzero(lit.any(axis=axis)) for axis in (1, 0))
+    if min(np.ptp(rows), np.ptp(columns)) <= 2 * SEARCH:
+        return 0.0
     top, left = rows[0] + SEARCH, columns[0] + SEARCH
     inner = predicted[top : rows[-1] + 1 - SEARCH, left : columns[-1] + 1 - SEARCH]
     around = capture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]

@@ -110,7 +110,7 @@ def standardised(pictures: Pictures) -> NDArray[np.floating]:
 def _reduced(pictures: Pictures) -> Pictures:
     height, width = pictures.shape[1:3]
     scale = COARSE / max(height, width)
-    size = (round(width * scale), round(height * scale))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
     return np.stack([cv2.resize(np.sqrt(np.maximum(each, 0)), size, interpolation=cv2.INTER_AREA) for each in pictures])
 
 

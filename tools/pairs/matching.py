@@ -43,7 +43,7 @@ def matched(pictures: Sequence[NDArray[np.floating]], captures: Sequence[NDArray
 
 def _small(picture: NDArray[np.floating]) -> NDArray[np.floating]:
     scale = SIDE / max(picture.shape[:2])
-    size = (round(picture.shape[1] * scale), round(picture.shape[0] * scale))
+    size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
     return np.asarray(cv2.resize(np.asarray(picture, np.float32), size, interpolation=cv2.INTER_AREA))
 
 

@@ -28,6 +28,7 @@ BAND = 24  # rows of camera pixels at a time
 NEAR = 8, 8, 2  # squared distance of the farthest taps of a level
 TAPS, FLOOR = (0.2, 0.04, 0.02), (0.05, 0.004, 0.001)  # of h: at full share, and of every tap
 MIXED, BENT, HALOS = (0.1, 0.05, 0.05), (0.1, 0.05, 0.05), (0.1, 0.02, 0.0)
+SATURATED = 0.98  # of the camera's range
 BINS = 24  # levels of light at which the residual's variance is measured
 
 
@@ -145,17 +146,27 @@ def features(shown: Pictures, halos: NDArray[np.floating], slope: NDArray[np.flo
     return result
 
 
-def fit(shown: Pictures, captures: Pictures, *, cells: Sequence[int] = CELLS, linear: bool = False) -> Model:
+def fit(
+    shown: Pictures,
+    captures: Pictures,
+    *,
+    gains: FloatArray | None = None,
+    cells: Sequence[int] = CELLS,
+    linear: bool = False,
+) -> Model:
     """Fit the model.
 
     shown : the pictures' light as the camera sees it without spread, (pairs, height, width, 3).
     captures : (pairs, height, width, 3).
+    gains : (pairs, 3). Gain of each capture; None for 1.
     linear : whether each channel depends linearly on its own primary only.
     """
+    valid = (captures < SATURATED).astype(np.float32)
+    if gains is not None:
+        captures = np.asarray(captures / gains[:, None, None], np.float32)
     slope, offset, _ = regression(shown, captures)
     slope, offset = np.maximum(slope, 0).astype(np.float32), offset.astype(np.float32)
     rest = captures - (slope * shown + offset)
-    valid = (captures < 0.98).astype(np.float32)
     height, width = slope.shape[:2]
     levels = [
         Level(cell, np.zeros((3, -(-height // cell), -(-width // cell), len(prior(n))), np.float32))

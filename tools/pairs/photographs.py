@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph
+from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse_curve
 from counterlight.tools.hdr.raw_files import is_raw
+from counterlight.tools.pairs.model import SATURATED
 
 LEAST = 8  # pairs
 LONGEST_SIDE = 640  # camera pixels of a room's longer side, unless given
@@ -63,10 +64,10 @@ def pairs_by_number(pictures: Sequence[Path], photographs: Sequence[Path]) -> li
 def pairs_by_list(path: Path, pictures: Path, photographs: Path) -> list[Pair]:
     """Read a list of pairs: a picture and a photograph per line, separated by a comma, semicolon or tab."""
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a list of pairs ({error})") from None
-    pairs = []
+    pairs: list[Pair] = []
     for number, line in enumerate(lines, 1):
         words = [word.strip() for word in re.split(r"[,;\t]", line)]
         if not line.strip():
@@ -77,6 +78,8 @@ def pairs_by_list(path: Path, pictures: Path, photographs: Path) -> list[Pair]:
         for each in (pair.picture, pair.photograph):
             if not each.is_file():
                 raise InputError(f"{path}: line {number} names {each}, which does not exist")
+        if pair.photograph in [each.photograph for each in pairs]:
+            raise InputError(f"{path}: line {number} names {words[1]} again; list each photograph once")
         pairs.append(pair)
     return pairs
 
@@ -92,7 +95,7 @@ def read_pictures(paths: Sequence[Path]) -> NDArray[np.uint8]:
     result = []
     for path in paths:
         picture = _coloured(read_photograph(path))
-        codes = (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture
+        codes = np.rint(picture / 257).astype(np.uint8) if picture.dtype == np.uint16 else picture
         first = first or codes.shape
         _check_size(path, codes.shape, first, paths[0])
         result.append(codes)
@@ -104,6 +107,8 @@ def read_photographs(
 ) -> NDArray[np.floating]:
     """Read photographs as linear light, (photographs, height, width, 3), 1 at the largest code value.
 
+    A reduced pixel is 1 where any of its sites is saturated.
+
     response : the camera's response; None for linear RAW and 16-bit files, and sRGB for 8-bit files.
     size : (width, height) to reduce to; None to divide the size by the least integer for LONGEST_SIDE.
     """
@@ -113,9 +118,13 @@ def read_photographs(
         picture = _coloured(read_photograph(path))
         first = first or picture.shape
         _check_size(path, picture.shape, first, paths[0])
+        if response is not None:
+            refuse_curve(path, response, "--camera-response")
         here = response or Response("srgb" if picture.dtype == np.uint8 and not is_raw(path) else "linear")
         light = here.to_linear(picture / np.float32(np.iinfo(picture.dtype).max)).astype(np.float32)
-        result.append(cv2.resize(light, size or room_size(first), interpolation=cv2.INTER_AREA))
+        to = size or room_size(first)
+        clipped = cv2.resize((light >= SATURATED).astype(np.float32), to, interpolation=cv2.INTER_AREA)
+        result.append(np.where(clipped > 0, 1, cv2.resize(light, to, interpolation=cv2.INTER_AREA)).astype(np.float32))
     return np.stack(result)
 
 

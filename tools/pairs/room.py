@@ -14,7 +14,7 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.picture_files import write_png
 from counterlight.response import Response
-from counterlight.tools.pairs.fitting import Fitted, agreement, fit_pairs, longest_run
+from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, longest_run
 from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import BLOCK, HALO, REACH, WINDOW, block_blur
@@ -68,6 +68,7 @@ class PairsSummary:
     matched: str
     left_out: tuple[str, ...]
     gains: float
+    unsteady: tuple[str, ...]
 
     def __str__(self) -> str:
         lines = [
@@ -76,6 +77,9 @@ class PairsSummary:
         ]
         if self.gains > UNSTEADY:
             lines.append(f"gains of captures vary by {100 * self.gains:.1f} %; lock the camera's exposure")
+        lines += [
+            f"{each}: gain beyond {100 * (MOST_GAIN - 1):.0f} %; lock the camera's exposure" for each in self.unsteady
+        ]
         lines += [f"left out: {each}" for each in self.left_out]
         return "\n".join(lines)
 
@@ -114,8 +118,9 @@ def import_pairs_room(
     if options.quality:
         with replacing_file(options.quality) as temporary:
             write_png(temporary, quality_picture(predicted[-1], captures[-1]))
+    unsteady = tuple(pairs[n].photograph.name for n in kept[fitted.unsteady])
     spread = float(np.std(fitted.gains, axis=0).max())
-    return PairsSummary(len(kept), held, quality, by, tuple(left_out), spread)
+    return PairsSummary(len(kept), held, quality, by, tuple(left_out), spread, unsteady)
 
 
 def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tuple[list[Pair], str]:
