@@ -97,6 +97,7 @@ def test_the_command_makes_a_room_that_build_accepts(
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert re.search(r"16 pairs matched by number; 2 held-out captures predicted to \d+\.\d dB", printed)
+    assert printed.endswith(f"next: counterlight build {room}\n")
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)
     assert (stored.calibration.projector.shape, stored.calibration.camera.shape) == (PROJECTOR, CAMERA)
@@ -214,3 +215,14 @@ def test_a_shift_of_a_small_lit_region_is_unclear() -> None:
     lit[5:15, 5:15] = True
     both = np.random.default_rng(1).uniform(0, 1, (3, 40, 40, 3)).astype(np.float32)
     assert (agreement(both, both, lit).shift == 0).all()
+
+
+def test_the_black_photograph_and_the_quality_picture_are_checked_first(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 8)
+    black = tmp_path / "black.png"
+    write(black, np.zeros((10, 12, 3), np.uint16))
+    assert "black.png: 12x10, but IMG_000.png is" in refusal(capsys, pictures, photographs, "--black", str(black))
+    inside = tmp_path / "room" / "quality.png"
+    assert refusal(capsys, pictures, photographs, "--quality", str(inside))

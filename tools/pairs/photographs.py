@@ -120,12 +120,17 @@ def read_photographs(
         _check_size(path, picture.shape, first, paths[0])
         if response is not None:
             refuse_curve(path, response, "--camera-response")
-        here = response or Response("srgb" if picture.dtype == np.uint8 and not is_raw(path) else "linear")
+        here = response or default_response(path, picture)
         light = here.to_linear(picture / np.float32(np.iinfo(picture.dtype).max)).astype(np.float32)
         to = size or room_size(first)
         clipped = cv2.resize((light >= SATURATED).astype(np.float32), to, interpolation=cv2.INTER_AREA)
         result.append(np.where(clipped > 0, 1, cv2.resize(light, to, interpolation=cv2.INTER_AREA)).astype(np.float32))
     return np.stack(result)
+
+
+def default_response(path: Path, picture: NDArray[Any]) -> Response:
+    """Return sRGB for 8-bit files, and linear for RAW and 16-bit files."""
+    return Response("srgb" if picture.dtype == np.uint8 and not is_raw(path) else "linear")
 
 
 def room_size(shape: Sequence[int]) -> Size:
