@@ -4,10 +4,12 @@ import re
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.errors import InputError
 from counterlight.files.picture_files import read_picture
 from counterlight.tools import build_correction_map
 from counterlight.tools.import_pairs import main
@@ -15,7 +17,7 @@ from counterlight.tools.pairs.fitting import Fitted, agreement, capture_gains, f
 from counterlight.tools.pairs.geometry import regression
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import fit
-from counterlight.tools.pairs.photographs import read_photographs
+from counterlight.tools.pairs.photographs import read_photograph, read_photographs
 from counterlight.tools.pairs.room import ambient_of, transport_of
 from counterlight.tools.transport.storage import read_transport
 from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
@@ -226,3 +228,15 @@ def test_the_black_photograph_and_the_quality_picture_are_checked_first(
     assert "black.png: 12x10, but IMG_000.png is" in refusal(capsys, pictures, photographs, "--black", str(black))
     inside = tmp_path / "room" / "quality.png"
     assert refusal(capsys, pictures, photographs, "--quality", str(inside))
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3)])
+def test_tiff_of_16_bits_is_read_as_png_is(tmp_path: Path, rng: np.random.Generator, shape: tuple[int, ...]) -> None:
+    picture = rng.integers(0, 65536, shape, np.uint16)
+    for suffix in ("png", "tiff"):
+        assert cv2.imwrite(str(tmp_path / f"picture.{suffix}"), picture)
+    read = [read_photograph(tmp_path / f"picture.{suffix}") for suffix in ("png", "tiff")]
+    np.testing.assert_array_equal(*read)
+    (tmp_path / "cut.tiff").write_bytes((tmp_path / "picture.tiff").read_bytes()[:60])
+    with pytest.raises(InputError, match="cannot be read as TIFF"):
+        read_photograph(tmp_path / "cut.tiff")

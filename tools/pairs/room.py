@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from counterlight import calibration
+from counterlight import calibration, memory
 from counterlight.arrays import BoolArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.picture_files import write_png
 from counterlight.response import Response
-from counterlight.tools.hdr.photographs import read_photograph
 from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, longest_run
 from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
 from counterlight.tools.pairs.matching import matched
-from counterlight.tools.pairs.model import BLOCK, HALO, REACH, WINDOW, block_blur
+from counterlight.tools.pairs.model import BLOCK, HALO, REACH, WINDOW, block_blur, prior
 from counterlight.tools.pairs.photographs import (
     Pair,
     Size,
@@ -27,6 +26,7 @@ from counterlight.tools.pairs.photographs import (
     files_in,
     pairs_by_list,
     pairs_by_number,
+    read_photograph,
     read_photographs,
     read_pictures,
 )
@@ -35,6 +35,7 @@ from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transpo
 from counterlight.writing.outputs import check_apart, check_file
 from counterlight.writing.replacing import replacing_file
 
+FITS = 2  # copies of a fit's features in memory at once
 HELD = 8  # one of so many pairs is predicted by a fit of the others
 FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are dropped
 CODES = 256
@@ -110,6 +111,12 @@ def import_pairs_room(
         if options.black:  # read together with a photograph, which must have the same size
             both = [pairs[0].photograph, options.black]
             ambient = read_photographs(both, options.camera_response, options.camera)[1]
+        height, width = captures.shape[1:3]
+        memory.check(
+            FITS * 4 * len(prior(0)) * len(pairs) * height * width,
+            f"fitting {len(pairs)} pairs at {width}x{height}",
+            "give fewer pairs, or a smaller --camera",
+        )
         kept, wrong = _sorted_out(codes, captures, pairs)
         left_out = unmatched + wrong
         try:
