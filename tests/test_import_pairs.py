@@ -4,10 +4,12 @@ import re
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.errors import InputError
 from counterlight.files.picture_files import read_picture
 from counterlight.tools import build_correction_map
 from counterlight.tools.import_pairs import main
@@ -15,7 +17,7 @@ from counterlight.tools.pairs.fitting import Fitted, agreement, capture_gains, f
 from counterlight.tools.pairs.geometry import regression
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import fit
-from counterlight.tools.pairs.photographs import read_photographs
+from counterlight.tools.pairs.photographs import read_photograph, read_photographs
 from counterlight.tools.pairs.room import ambient_of, transport_of
 from counterlight.tools.transport.storage import read_transport
 from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
@@ -97,6 +99,7 @@ def test_the_command_makes_a_room_that_build_accepts(
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert re.search(r"16 pairs matched by number; 2 held-out captures predicted to \d+\.\d dB", printed)
+    assert printed.endswith(f"next: counterlight build {room}\n")
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)
     assert (stored.calibration.projector.shape, stored.calibration.camera.shape) == (PROJECTOR, CAMERA)
@@ -214,3 +217,26 @@ def test_a_shift_of_a_small_lit_region_is_unclear() -> None:
     lit[5:15, 5:15] = True
     both = np.random.default_rng(1).uniform(0, 1, (3, 40, 40, 3)).astype(np.float32)
     assert (agreement(both, both, lit).shift == 0).all()
+
+
+def test_the_black_photograph_and_the_quality_picture_are_checked_first(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 8)
+    black = tmp_path / "black.png"
+    write(black, np.zeros((10, 12, 3), np.uint16))
+    assert "black.png: 12x10, but IMG_000.png is" in refusal(capsys, pictures, photographs, "--black", str(black))
+    inside = tmp_path / "room" / "quality.png"
+    assert refusal(capsys, pictures, photographs, "--quality", str(inside))
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3)])
+def test_tiff_of_16_bits_is_read_as_png_is(tmp_path: Path, rng: np.random.Generator, shape: tuple[int, ...]) -> None:
+    picture = rng.integers(0, 65536, shape, np.uint16)
+    for suffix in ("png", "tiff"):
+        assert cv2.imwrite(str(tmp_path / f"picture.{suffix}"), picture)
+    read = [read_photograph(tmp_path / f"picture.{suffix}") for suffix in ("png", "tiff")]
+    np.testing.assert_array_equal(*read)
+    (tmp_path / "cut.tiff").write_bytes((tmp_path / "picture.tiff").read_bytes()[:60])
+    with pytest.raises(InputError, match="cannot be read as TIFF"):
+        read_photograph(tmp_path / "cut.tiff")

@@ -28,7 +28,7 @@ def _main(argv: Sequence[str] | None) -> None:
     summary = import_pairs_room(
         options.pictures, options.photographs, options.output, pairs_options, name=options.name, force=options.force
     )
-    print(f"{options.output}: {summary}\n{time.monotonic() - start:.1f} s")
+    print(f"{options.output}: {summary}\n{time.monotonic() - start:.1f} s\nnext: counterlight build {options.output}")
 
 
 def _parser() -> Parser:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.tools.pairs.matching import matched
-from counterlight.tools.pairs.photographs import number_of
+from counterlight.tools.pairs.photographs import number_of, read_photograph
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 HELD = 8  # one of so many pairs is held out where a data set does not say which
@@ -48,7 +48,7 @@ def _read(pictures: Path, photographs: Path, size: tuple[int, int] | None) -> Da
     shown, seen = _files(pictures), _files(photographs)
     light = np.stack([_light(path, size) for path in seen])
     by_number = {number_of(path): path for path in shown}
-    alike = len(shown) == len(seen) and all(number_of(path) in by_number for path in seen)
+    alike = len(by_number) == len(shown) == len(seen) and all(number_of(path) in by_number for path in seen)
     if alike:
         chosen, kept = [by_number[number_of(path)] for path in seen], np.arange(len(seen))
     else:
@@ -71,7 +71,8 @@ def _codes(path: Path) -> NDArray[np.uint8]:
 
 
 def _light(path: Path, size: tuple[int, int] | None) -> NDArray[np.float32]:
-    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., 2::-1]
+    picture = read_photograph(path)
+    picture = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
     light = picture / np.float32(np.iinfo(picture.dtype).max)
     if picture.dtype == np.uint8:
         light = np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)

@@ -63,7 +63,7 @@ def diagonal(room: Room) -> Diagonal:
 
     size = room.calibration.placed_on
     dark, bright = per_projector_pixel(tier.ambient), per_projector_pixel(tier.reach)
-    black = np.percentile(tier.ambient[room.mask], BLACK_PERCENTILE, axis=0)
+    black: FloatArray = np.percentile(tier.ambient[room.mask].astype(np.float64), BLACK_PERCENTILE, axis=0)
     full = np.maximum(bright - dark, np.finfo(np.float32).tiny)
     lit = seen.reshape(projector)
     beta = np.clip((black - dark) / full, 0, 1)

@@ -88,7 +88,7 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
         raise InputError(NO_MATCH)
     coarse = fit(shown, captures, cells=CELLS[:1], linear=additive)
     measured = capture_gains(coarse.predict(shown), captures, lit)
-    unsteady = ((measured > MOST_GAIN) | (measured < 1 / MOST_GAIN)).any(axis=1)
+    unsteady = np.asarray(((measured > MOST_GAIN) | (measured < 1 / MOST_GAIN)).any(axis=1))
     gains = np.clip(measured, 1 / MOST_GAIN, MOST_GAIN)
     gains /= np.exp(np.log(gains).mean(axis=0))
     model = fit(shown, captures, gains=gains, linear=additive)

@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse_curve
+from counterlight.tools.hdr import photographs as stored
+from counterlight.tools.hdr.photographs import refuse_curve
 from counterlight.tools.hdr.raw_files import is_raw
 from counterlight.tools.pairs.model import SATURATED
 
 LEAST = 8  # pairs
+TIFF = (".tif", ".tiff")
+SUFFIXES = (*stored.SUFFIXES, *TIFF)
 LONGEST_SIDE = 640  # camera pixels of a room's longer side, unless given
 Size = tuple[int, int]  # (width, height)
 
@@ -120,12 +123,27 @@ def read_photographs(
         _check_size(path, picture.shape, first, paths[0])
         if response is not None:
             refuse_curve(path, response, "--camera-response")
-        here = response or Response("srgb" if picture.dtype == np.uint8 and not is_raw(path) else "linear")
+        here = response or default_response(path, picture)
         light = here.to_linear(picture / np.float32(np.iinfo(picture.dtype).max)).astype(np.float32)
         to = size or room_size(first)
         clipped = cv2.resize((light >= SATURATED).astype(np.float32), to, interpolation=cv2.INTER_AREA)
         result.append(np.where(clipped > 0, 1, cv2.resize(light, to, interpolation=cv2.INTER_AREA)).astype(np.float32))
     return np.stack(result)
+
+
+def read_photograph(path: Path) -> NDArray[Any]:
+    """Read a picture as stored, 8 or 16 bits, R'G'B' or grey: PNG, JPEG, RAW or TIFF."""
+    if path.suffix.lower() not in TIFF:
+        return stored.read_photograph(path)
+    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if found is None or found.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: cannot be read as TIFF of 8 or 16 bits; save it as PNG")
+    return found if found.ndim == 2 else np.ascontiguousarray(found[..., 2::-1])
+
+
+def default_response(path: Path, picture: NDArray[Any]) -> Response:
+    """Return sRGB for 8-bit files, and linear for RAW and 16-bit files."""
+    return Response("srgb" if picture.dtype == np.uint8 and not is_raw(path) else "linear")
 
 
 def room_size(shape: Sequence[int]) -> Size:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from counterlight import calibration
+from counterlight import calibration, memory
 from counterlight.arrays import BoolArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
@@ -17,25 +17,27 @@ from counterlight.response import Response
 from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, longest_run
 from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
 from counterlight.tools.pairs.matching import matched
-from counterlight.tools.pairs.model import BLOCK, HALO, REACH, WINDOW, block_blur
+from counterlight.tools.pairs.model import BLOCK, HALO, REACH, WINDOW, block_blur, prior
 from counterlight.tools.pairs.photographs import (
     Pair,
     Size,
     check_count,
+    default_response,
     files_in,
     pairs_by_list,
     pairs_by_number,
+    read_photograph,
     read_photographs,
     read_pictures,
 )
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transport, stacked
-from counterlight.writing.outputs import check_file
+from counterlight.writing.outputs import check_apart, check_file
 from counterlight.writing.replacing import replacing_file
 
+FITS = 2  # copies of a fit's features in memory at once
 HELD = 8  # one of so many pairs is predicted by a fit of the others
 FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are dropped
-LINEAR = Response("linear")
 CODES = 256
 UNSTEADY = 0.05  # deviation of gains that is reported
 
@@ -100,48 +102,66 @@ def import_pairs_room(
     inputs = [pictures, photographs, *(each for each in (options.listed, options.black) if each)]
     if options.quality:
         check_file(options.quality, suffixes=[".png"], inputs=inputs)
+    check_apart(folder, options.quality)
     with calibration.replacing(folder, force=force, inputs=inputs) as stage:
-        pairs, by = find_pairs(pictures, photographs, options)
+        pairs, by, unmatched = find_pairs(pictures, photographs, options)
         codes = read_pictures([pair.picture for pair in pairs])
         captures = read_photographs([pair.photograph for pair in pairs], options.camera_response, options.camera)
-        kept, left_out = _sorted_out(codes, captures, pairs)
-        check_count(len(kept), photographs)
+        ambient = None
+        if options.black:  # read together with a photograph, which must have the same size
+            both = [pairs[0].photograph, options.black]
+            ambient = read_photographs(both, options.camera_response, options.camera)[1]
+        height, width = captures.shape[1:3]
+        memory.check(
+            FITS * 4 * len(prior(0)) * len(pairs) * height * width,
+            f"fitting {len(pairs)} pairs at {width}x{height}",
+            "give fewer pairs, or a smaller --camera",
+        )
+        kept, wrong = _sorted_out(codes, captures, pairs)
+        left_out = unmatched + wrong
+        try:
+            check_count(len(kept), photographs)
+        except InputError as error:
+            raise InputError(f"{error}; left out: {', '.join(left_out)}") from None
         codes, captures = codes[kept], captures[kept]
         held = max(1, len(kept) // HELD)
         trial = fit_pairs(codes[:-held], captures[:-held], additive=True)
         predicted = trial.predict(codes[-held:])
         quality = decibels(predicted, captures[-held:], trial.lit)
         fitted = fit_pairs(codes, captures, additive=True)
-        room, transport = _room(fitted, codes.shape[1:3], name or folder.name, f"{len(kept)} pairs", options)
+        first = pairs[0].photograph
+        curve = options.camera_response or default_response(first, read_photograph(first))
+        room, transport = _room(fitted, codes.shape[1:3], name or folder.name, f"{len(kept)} pairs", curve, ambient)
         write_transport(transport, stage)
         calibration.write(room, stage)
-    if options.quality:
-        with replacing_file(options.quality) as temporary:
-            write_png(temporary, quality_picture(predicted[-1], captures[-1]))
+        if options.quality:
+            with replacing_file(options.quality) as temporary:
+                write_png(temporary, quality_picture(predicted[-1], captures[-1]))
     unsteady = tuple(pairs[n].photograph.name for n in kept[fitted.unsteady])
     spread = float(np.std(fitted.gains, axis=0).max())
     return PairsSummary(len(kept), held, quality, by, tuple(left_out), spread, unsteady)
 
 
-def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tuple[list[Pair], str]:
-    """Return the pairs, and how they were matched."""
+def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tuple[list[Pair], str, list[str]]:
+    """Return the pairs, how they were matched, and a line for each photograph without a picture."""
     if options.listed:
         pairs = pairs_by_list(options.listed, pictures, photographs)
         check_count(len(pairs), options.listed)
-        return pairs, "a list"
+        return pairs, "a list", []
     shown, seen = files_in(pictures), files_in(photographs)
     check_count(min(len(shown), len(seen)), photographs if len(seen) <= len(shown) else pictures)
     by_number = pairs_by_number(shown, seen)
     if by_number:
-        return by_number, "number"
+        return by_number, "number", []
     codes = read_pictures(shown) / np.float32(255)
     light = read_photographs(seen, options.camera_response, options.camera)
     numbers = matched(list(codes), list(light ** (1 / 2.2)))
     if numbers is None:
         raise InputError(f"{photographs}: {NO_MATCH}")
     pairs = [Pair(shown[n], path) for n, path in zip(numbers, seen, strict=True) if n >= 0]
+    unmatched = [f"{path.name}, which shows no picture" for n, path in zip(numbers, seen, strict=True) if n < 0]
     check_count(len(pairs), photographs)
-    return pairs, "content"
+    return pairs, "content", unmatched
 
 
 def _sorted_out(codes: NDArray[np.uint8], captures: Pictures, pairs: list[Pair]) -> tuple[NDArray[np.intp], list[str]]:
@@ -157,7 +177,12 @@ def _sorted_out(codes: NDArray[np.uint8], captures: Pictures, pairs: list[Pair])
     wrong = found.foreign | found.moved
     if wrong.sum() > len(pairs) // 4:
         raise InputError(f"{wrong.sum()} of {len(pairs)} pairs do not belong to the room; {NO_MATCH}")
-    lines = [f"{pairs[n].name}, which do not belong together" for n in np.flatnonzero(wrong)]
+    lines = [
+        f"{pairs[n].photograph.name}: shifted by {found.shift[n]:.1f} camera pixels"
+        if found.moved[n]
+        else f"{pairs[n].name}, which do not belong together"
+        for n in np.flatnonzero(wrong)
+    ]
     return np.flatnonzero(~wrong), lines
 
 
@@ -176,19 +201,22 @@ def quality_picture(predicted: NDArray[np.floating], capture: NDArray[np.floatin
 
 
 def _room(
-    fitted: Fitted, projector: tuple[int, int], name: str, what: str, options: PairsOptions
+    fitted: Fitted,
+    projector: tuple[int, int],
+    name: str,
+    what: str,
+    camera: Response,
+    black: NDArray[np.floating] | None,
 ) -> tuple[Calibration, Transport]:
     transport = transport_of(fitted, projector)
-    ambient = ambient_of(fitted)
-    if options.black:
-        ambient = read_photographs([options.black], options.camera_response, ambient.shape[1::-1])[0]
+    ambient = ambient_of(fitted) if black is None else black
     curve = fitted.processing.light(np.repeat(np.linspace(0, 1, CODES)[:, None], 3, axis=1)).astype(np.float64)
     response = Response("table", table=tuple(tuple(float(v) for v in row) for row in curve / curve[-1]))
     room = Calibration(
         name,
         f"counterlight import-pairs: {what}, response from the pairs",
         (Device(*projector, response),),
-        Device(ambient.shape[0], ambient.shape[1], LINEAR),
+        Device(ambient.shape[0], ambient.shape[1], camera),
         ambient,
         fitted.lit,
     )
@@ -291,7 +319,9 @@ def _far(fitted: Fitted, seen: list[Csr]) -> FarLight | None:
         light = (fitted.model.slope[..., k].ravel() / BLOCK**2, (block, np.arange(pixels)))
         gather.append(_float32(sparse.csr_array(light, (count, pixels)) @ seen[k]))
         for number, sigma in enumerate(HALO[1:], 5 + len(WINDOW) + 1):
-            strength = cv2.resize(_coefficient(fitted, k, number), blocks[::-1], interpolation=cv2.INTER_AREA)
+            padding = ((0, -shape[0] % BLOCK), (0, -shape[1] % BLOCK))
+            padded = np.pad(_coefficient(fitted, k, number), padding, mode="edge")
+            strength = cv2.resize(padded, blocks[::-1], interpolation=cv2.INTER_AREA)
             blur = np.kron(block_blur(blocks[0], sigma), block_blur(blocks[1], sigma))
             mix[k] += strength.reshape(-1, 1) * blur
     mix = np.maximum(mix, 0)
