@@ -46,13 +46,16 @@ class Fitted:
 
     def shown(self, pictures: NDArray[np.uint8]) -> Pictures:
         """Return the light of pictures as the camera sees it without spread, (pictures, height, width, 3)."""
-        return np.stack(
-            [self.places.warped(reduced(self.processing.light(each / 255), self.factor)) for each in pictures]
-        )
+        return np.stack([self.places.warped(each) for each in light_of(pictures, self.processing, self.factor)])
 
     def predict(self, pictures: NDArray[np.uint8]) -> Pictures:
         """Predict the captures of pictures, at gain 1."""
         return self.model.predict(self.shown(pictures))
+
+
+def light_of(pictures: NDArray[np.uint8], processing: Processing, factor: int) -> Pictures:
+    """Return the light of pictures at the raster that places refer to."""
+    return np.stack([reduced(processing.light(each / 255), factor) for each in pictures])
 
 
 def reduced(light: NDArray[np.floating], factor: int) -> NDArray[np.floating]:
@@ -77,10 +80,10 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
     places = find_places(codes**2.2, captures)
     processing = Processing.of_gamma(2.2)
     for _ in range(ROUNDS):
-        light = np.stack([reduced(processing.light(each / 255), factor) for each in pictures])
+        light = light_of(pictures, processing, factor)
         places = refined(light, captures, places, 1)
         processing = _response(places, pictures, light, captures, factor, additive=additive)
-    light = np.stack([reduced(processing.light(each / 255), factor) for each in pictures])
+    light = light_of(pictures, processing, factor)
     shown = np.stack([places.warped(each) for each in light])
     clarity = regression(shown, captures)[2].min(axis=-1)
     lit = (clarity > LIT) & inside(places, light.shape[1:3])

@@ -29,6 +29,7 @@ NEAR = 8, 8, 2  # squared distance of the farthest taps of a level
 TAPS, FLOOR = (0.2, 0.04, 0.02), (0.05, 0.004, 0.001)  # of h: at full share, and of every tap
 MIXED, BENT, HALOS = (0.1, 0.05, 0.05), (0.1, 0.05, 0.05), (0.1, 0.02, 0.0)
 SATURATED = 0.98  # of the camera's range
+SPREAD, WIDE_HALO = 5, 5 + len(WINDOW) + 1  # first features of h, and of the blurs G_j after the first
 BINS = 24  # levels of light at which the residual's variance is measured
 
 
@@ -168,10 +169,7 @@ def fit(
     slope, offset = np.maximum(slope, 0).astype(np.float32), offset.astype(np.float32)
     rest = captures - (slope * shown + offset)
     height, width = slope.shape[:2]
-    levels = [
-        Level(cell, np.zeros((3, -(-height // cell), -(-width // cell), len(prior(n))), np.float32))
-        for n, cell in enumerate(cells)
-    ]
+    levels = [Level.empty(cell, (height, width)) for cell in cells]
     for k in range(3):
         F = features(shown, halos_of(shown[..., k], slope[..., k]), slope, k)
         for number, level in enumerate(levels):

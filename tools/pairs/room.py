@@ -17,7 +17,7 @@ from counterlight.response import Response
 from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, longest_run
 from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
 from counterlight.tools.pairs.matching import matched
-from counterlight.tools.pairs.model import BLOCK, HALO, REACH, WINDOW, block_blur, prior
+from counterlight.tools.pairs.model import BLOCK, HALO, REACH, SPREAD, WIDE_HALO, WINDOW, block_blur, prior
 from counterlight.tools.pairs.photographs import (
     Pair,
     Size,
@@ -106,18 +106,16 @@ def import_pairs_room(
     with calibration.replacing(folder, force=force, inputs=inputs) as stage:
         pairs, by, unmatched = find_pairs(pictures, photographs, options)
         codes = read_pictures([pair.picture for pair in pairs])
-        captures = read_photographs([pair.photograph for pair in pairs], options.camera_response, options.camera)
-        ambient = None
-        if options.black:  # read together with a photograph, which must have the same size
-            both = [pairs[0].photograph, options.black]
-            ambient = read_photographs(both, options.camera_response, options.camera)[1]
+        photographed = [pair.photograph for pair in pairs] + ([options.black] if options.black else [])
+        light = read_photographs(photographed, options.camera_response, options.camera)
+        captures, ambient = light[: len(pairs)], light[-1] if options.black else None
         height, width = captures.shape[1:3]
         memory.check(
             FITS * 4 * len(prior(0)) * len(pairs) * height * width,
             f"fitting {len(pairs)} pairs at {width}x{height}",
             "give fewer pairs, or a smaller --camera",
         )
-        kept, wrong = _sorted_out(codes, captures, pairs)
+        fitted, kept, wrong = _sorted_out(codes, captures, pairs)
         left_out = unmatched + wrong
         try:
             check_count(len(kept), photographs)
@@ -128,7 +126,8 @@ def import_pairs_room(
         trial = fit_pairs(codes[:-held], captures[:-held], additive=True)
         predicted = trial.predict(codes[-held:])
         quality = decibels(predicted, captures[-held:], trial.lit)
-        fitted = fit_pairs(codes, captures, additive=True)
+        if wrong:
+            fitted = fit_pairs(codes, captures, additive=True)
         first = pairs[0].photograph
         curve = options.camera_response or default_response(first, read_photograph(first))
         room, transport = _room(fitted, codes.shape[1:3], name or folder.name, f"{len(kept)} pairs", curve, ambient)
@@ -164,8 +163,10 @@ def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tupl
     return pairs, "content", unmatched
 
 
-def _sorted_out(codes: NDArray[np.uint8], captures: Pictures, pairs: list[Pair]) -> tuple[NDArray[np.intp], list[str]]:
-    """Return the numbers of the pairs that belong to the room, and a line for each other pair."""
+def _sorted_out(
+    codes: NDArray[np.uint8], captures: Pictures, pairs: list[Pair]
+) -> tuple[Fitted, NDArray[np.intp], list[str]]:
+    """Return a fit of all pairs, the numbers of those that belong to the room, and a line for each other pair."""
     fitted = fit_pairs(codes, captures, additive=True)
     found = agreement(fitted.predict(codes), captures, fitted.lit)
     if longest_run(list(found.moved)) > 1 or found.moved.sum() > len(pairs) // HELD:
@@ -183,7 +184,7 @@ def _sorted_out(codes: NDArray[np.uint8], captures: Pictures, pairs: list[Pair])
         else f"{pairs[n].name}, which do not belong together"
         for n in np.flatnonzero(wrong)
     ]
-    return np.flatnonzero(~wrong), lines
+    return fitted, np.flatnonzero(~wrong), lines
 
 
 def decibels(predicted: Pictures, captures: Pictures, lit: BoolArray) -> float:
@@ -277,8 +278,7 @@ def _taps(fitted: Fitted, k: int) -> Csr:
     slope = fitted.model.slope[..., k]
     height, width = slope.shape
     y, x = np.mgrid[:height, :width]
-    first = 5  # feature of the first tap
-    taps = [_coefficient(fitted, k, first + n) for n in range(len(WINDOW))]
+    taps = [_coefficient(fitted, k, SPREAD + n) for n in range(len(WINDOW))]
     centre = 1 + _coefficient(fitted, k, 1) - np.sum(taps, axis=0)
     weights, columns = [slope * centre], [y * width + x]
     for (dy, dx), tap in zip(WINDOW, taps, strict=True):
@@ -318,7 +318,7 @@ def _far(fitted: Fitted, seen: list[Csr]) -> FarLight | None:
     for k in range(3):
         light = (fitted.model.slope[..., k].ravel() / BLOCK**2, (block, np.arange(pixels)))
         gather.append(_float32(sparse.csr_array(light, (count, pixels)) @ seen[k]))
-        for number, sigma in enumerate(HALO[1:], 5 + len(WINDOW) + 1):
+        for number, sigma in enumerate(HALO[1:], WIDE_HALO):
             padding = ((0, -shape[0] % BLOCK), (0, -shape[1] % BLOCK))
             padded = np.pad(_coefficient(fitted, k, number), padding, mode="edge")
             strength = cv2.resize(padded, blocks[::-1], interpolation=cv2.INTER_AREA)
