@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Device
 from counterlight.files import exr
+from counterlight.files.picture_files import encode_png
 from counterlight.passes.encode import Encode
 from counterlight.raster import Region, side_by_side
 from counterlight.response import TABLE_SIZE, RasterResponse, transfer_table
@@ -56,7 +56,7 @@ def write_mpcdi(path: Path, kept: Diagonal, regions: Sequence[Region]) -> None:
             for kind, light in (("alpha", kept.alpha), ("beta", kept.beta)):
                 file = f"{own}_{kind}.png"
                 _add(described, f"{kind}Map", file, componentDepth="3", bitDepth="8", gammaEmbedded=str(GAMMA))
-                _put(archive, file, _png(_codes(light[region.part])))
+                _put(archive, file, encode_png(_codes(light[region.part])))
         _put(archive, "mpcdi.xml", ElementTree.tostring(root, "utf-8", xml_declaration=True))
 
 
@@ -145,7 +145,3 @@ def _add(described: ElementTree.Element, kind: str, path: str, **values: str) ->
 
 def _put(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     archive.writestr(zipfile.ZipInfo(name, DATE), content, zipfile.ZIP_DEFLATED)
-
-
-def _png(codes: NDArray[np.uint8]) -> bytes:
-    return bytes(cv2.imencode(".png", codes[..., ::-1])[1])
