@@ -9,7 +9,7 @@ from typing import Any, get_args, get_type_hints
 import pytest
 
 from counterlight.gl.shaders import read_source
-from counterlight.passes.drawing import Pass
+from counterlight.passes.drawing import Draw, Pass
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULE = re.compile(r"^// Pass: player/([\w/]+)\.py\.$", re.MULTILINE)
@@ -35,10 +35,10 @@ def test_every_shader_but_the_window_s_names_the_module_of_its_pass() -> None:
     assert len(drawn) > 15
 
 
-def passes() -> list[type[Pass[Any]]]:
+def passes() -> list[type[Draw[Any]]]:
     for module in set(modules().values()):
         importlib.import_module(module)
-    return sorted(Pass.__subclasses__(), key=lambda each: each.__name__)
+    return sorted({*Draw.__subclasses__(), *Pass.__subclasses__()} - {Pass}, key=lambda each: each.__name__)
 
 
 PASSES = passes()
@@ -59,7 +59,7 @@ def inputs(kind: Any) -> set[str]:
 
 
 @pytest.mark.parametrize("made", PASSES)
-def test_a_pass_has_the_inputs_of_its_shader_and_a_cpu_function(made: type[Pass[Any]]) -> None:
+def test_a_pass_has_the_inputs_of_its_shader_and_a_cpu_function(made: type[Draw[Any]]) -> None:
     source = read_source(made.shader)
     named = {name.strip() for names in UNIFORMS.findall(source) for name in names.split(",")}
     own = inputs(made)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.gl.shaders import build_program
-from counterlight.passes.drawing import Pass, inputs_of
+from counterlight.passes.drawing import Draw, inputs_of
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 # texels converted to RGBA at a time; allocating a whole picture would take as long as copying it
@@ -129,7 +129,7 @@ class Programs:
         self._context = context
         self._made: dict[tuple[str, frozenset[tuple[str, int | None]]], ScreenPass] = {}
 
-    def draw(self, made: Pass[moderngl.Texture]) -> None:
+    def draw(self, made: Draw[moderngl.Texture]) -> None:
         """Draw a pass into the current framebuffer."""
         defines, uniforms, textures = dict(made.defines), dict[str, Uniform](), dict[str, moderngl.Texture]()
         for name, value, optional in inputs_of(made):
@@ -144,7 +144,7 @@ class Programs:
         program.set(**uniforms)
         program.draw(**textures)
 
-    def prepare(self, kind: type[Pass[moderngl.Texture]]) -> None:
+    def prepare(self, kind: type[Draw[moderngl.Texture]]) -> None:
         """Compile the program of a pass without optional inputs. Raises ShaderError."""
         self._program(kind.shader, kind.defines)
 
@@ -176,7 +176,7 @@ class Canvas:
     def picture(self) -> moderngl.Texture:
         return self.pictures[0]
 
-    def draw(self, made: Pass[moderngl.Texture]) -> moderngl.Texture:
+    def draw(self, made: Draw[moderngl.Texture]) -> moderngl.Texture:
         self._framebuffer.use()
         self._programs.draw(made)
         return self.picture

@@ -5,6 +5,7 @@ a uniform. A field that is True, and an optional picture or group that is given,
 optional number defines nothing.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
@@ -21,7 +22,7 @@ CHANNELS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Pass(Generic[Picture]):
+class Draw(Generic[Picture]):
     """One draw of a fragment shader.
 
     shader : name of the GLSL file.
@@ -33,9 +34,14 @@ class Pass(Generic[Picture]):
     defines: ClassVar[Mapping[str, int | None]] = {}
     channels: ClassVar[int] = CHANNELS
 
+
+@dataclass(frozen=True, eq=False)
+class Pass(Draw[Picture], ABC):
+    """A draw of one picture."""
+
+    @abstractmethod
     def fill(self: "Pass[Array]", out: Array) -> None:
         """Compute the picture on the processor: the CPU function."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from typing import Any, Generic
 import numpy as np
 
 from counterlight.maps.prior import pull
-from counterlight.passes.drawing import Array, Pass, Picture, flat
+from counterlight.passes.drawing import Array, Draw, Pass, Picture, flat
 from counterlight.passes.kernel import PLANE, kernel, prange, within
 
 
@@ -20,7 +20,7 @@ class Ties(Generic[Picture]):
 
 
 @dataclass(frozen=True, eq=False)
-class Step(Pass[Picture]):
+class Step(Draw[Picture]):
     """The next p and y. Draws two pictures; devices draw it by their stepper, and the CPU by `fill_both`.
 
     descent : TᵀW(b − T y).
