@@ -3,16 +3,20 @@
 import contextlib
 import io
 import os
+import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from counterlight.tools import verbs
 from tests.copies import Copy, read_early
+
+if TYPE_CHECKING:
+    import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE_S = 60.0
@@ -57,6 +61,23 @@ def here(name: str, *arguments: object) -> str:
     with contextlib.redirect_stdout(output):
         assert verbs.main([name, *map(str, arguments)]) == 0
     return output.getvalue()
+
+
+def refusal_here(
+    main: Callable[[Sequence[str]], int], capsys: "pytest.CaptureFixture[str]", folder: Path, *arguments: object
+) -> str:
+    """Run a command's `main` that must refuse, and return its only line of output.
+
+    folder : must hold the same files before and after.
+    """
+    before = sorted(folder.rglob("*"))
+    assert main([str(each) for each in arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    line = printed.err.removesuffix("\n")
+    assert re.fullmatch("error: .+", line)
+    assert sorted(folder.rglob("*")) == before
+    return line
 
 
 def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:

@@ -15,6 +15,7 @@ from counterlight.response import Response
 from counterlight.tools.import_graycode import main
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import channel
+from tests.programs import refusal_here
 from tests.test_graycode import PROJECTOR, make_rig, real_sets, write_named_captures, write_opencv_captures
 
 SIZE = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
@@ -28,14 +29,7 @@ def captures(rng: np.random.Generator, tmp_path: Path) -> Path:
 
 def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
     """Returns the only line that a refused import prints; checks that it leaves no files."""
-    before = sorted(folder.parent.iterdir())
-    assert main([*arguments, "-o", str(folder)]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    line = printed.err.removesuffix("\n")
-    assert re.fullmatch("error: .+", line)
-    assert sorted(folder.parent.iterdir()) == before
-    return line
+    return refusal_here(main, capsys, folder.parent, *arguments, "-o", folder)
 
 
 def test_the_command_makes_a_calibration(captures: Path, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from counterlight.tools.pairs.photographs import read_photograph, read_photograp
 from counterlight.tools.pairs.room import ambient_of, transport_of
 from counterlight.tools.transport.storage import read_transport
 from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
+from tests.programs import refusal_here
 
 INNER = np.s_[16:80, 20:104]  # camera pixels inside the projector's picture
 
@@ -37,14 +38,7 @@ def fitted() -> Fitted:
 def refusal(capsys: pytest.CaptureFixture[str], pictures: Path, photographs: Path, *words: str) -> str:
     """Returns the only line of a refused import; checks that it leaves no files."""
     folder = pictures.parent
-    before = sorted(folder.rglob("*"))
-    assert main([str(pictures), str(photographs), *words, "-o", str(folder / "room")]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    line = printed.err.removesuffix("\n")
-    assert re.fullmatch("error: .+", line)
-    assert sorted(folder.rglob("*")) == before
-    return line
+    return refusal_here(main, capsys, folder, pictures, photographs, *words, "-o", folder / "room")
 
 
 def test_places_are_found(fitted: Fitted) -> None:

@@ -23,6 +23,7 @@ from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_matrix, read_transport
 from counterlight.tools.transport.transport import CHANNELS, channel, channels
 from tests.pixel_orders import smooth
+from tests.programs import refusal_here
 
 CAMERA, PROJECTOR = (9, 13), (7, 11)
 SHAPE = 9 * 13, 7 * 11
@@ -44,14 +45,7 @@ def arguments(tmp_path: Path, *more: str) -> list[str]:
 
 def refusal(tmp_path: Path, capsys: pytest.CaptureFixture[str], *more: str) -> str:
     """Returns the only line that a refused import prints; checks that it leaves no files."""
-    before = sorted(tmp_path.iterdir())
-    assert main(arguments(tmp_path, *more)) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    line = printed.err.removesuffix("\n")
-    assert re.fullmatch("error: .+", line)
-    assert sorted(tmp_path.iterdir()) == before
-    return line
+    return refusal_here(main, capsys, tmp_path, *arguments(tmp_path, *more))
 
 
 def test_the_command_keeps_every_entry(

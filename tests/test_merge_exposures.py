@@ -15,6 +15,7 @@ from counterlight.response import named_response
 from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.merge_exposures import main
 from tests.brackets import CURVES, codes_of, random_scene, write_bracket, write_picture
+from tests.programs import refusal_here
 
 TIMES = [0.25, 1.0, 4.0, 16.0, 64.0]
 TEXT = [str(t) for t in TIMES]
@@ -32,15 +33,8 @@ def bracket(scene: np.ndarray, tmp_path: Path) -> list[str]:
 
 def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str) -> str:
     """Return the one-line error of a refused merge, and check that no file is left behind."""
-    before = sorted(folder.rglob("*"))
     output = () if "-o" in arguments else ("-o", str(folder / "out.exr"))
-    assert main([*arguments, *output]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    line = printed.err.removesuffix("\n")
-    assert re.fullmatch("error: .+", line)
-    assert sorted(folder.rglob("*")) == before
-    return line
+    return refusal_here(main, capsys, folder, *arguments, *output)
 
 
 @pytest.mark.parametrize("options", [(), ("--method", "robertson"), ("--weighting", "gaussian")])

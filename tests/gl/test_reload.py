@@ -36,6 +36,13 @@ def playing_copy(xvfb: str, installed: Path, plain_room: Path, noise_picture: Pa
         yield process
 
 
+def assert_shown_again(client: Client, display: str, corrected: np.ndarray, player: subprocess.Popen[str]) -> None:
+    """Wait until the picture is another one without compensation, and the corrected one with it."""
+    for compensation in (False, True):
+        assert client.ask("set_property", "compensation", compensation)["error"] == "success"
+        wait_until(lambda c=compensation: np.array_equal(screen(display, BOX), corrected) == c, "the picture", player)
+
+
 def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
     xvfb: str,
     installed: Path,
@@ -98,11 +105,7 @@ def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
     shader.write_text(head + "void main() { encoded = vec4(scale * highest); }")
     assert client.ask("reload")["error"] == "success"
     wait_until(lambda: "not reloaded" in client.get("message"), "what is wrong", playing_copy)
-    for compensation in (False, True):
-        assert client.ask("set_property", "compensation", compensation)["error"] == "success"
-        wait_until(
-            lambda c=compensation: np.array_equal(screen(xvfb, BOX), corrected) == c, "the picture", playing_copy
-        )
+    assert_shown_again(client, xvfb, corrected, playing_copy)
     client.close()
 
 
@@ -121,10 +124,6 @@ def test_a_shader_that_only_another_view_draws_does_not_end_the_show(
     assert client.ask("reload")["error"] == "success"
     assert client.ask("set_property", "view", "split")["error"] == "success"
     wait_until(lambda: f"not drawn: shaders/{Split.shader}" in client.get("message"), "what is wrong", playing_copy)
-    for compensation in (False, True):
-        assert client.ask("set_property", "view", "projector")["error"] == "success"
-        assert client.ask("set_property", "compensation", compensation)["error"] == "success"
-        wait_until(
-            lambda c=compensation: np.array_equal(screen(xvfb, BOX), corrected) == c, "the picture", playing_copy
-        )
+    assert client.ask("set_property", "view", "projector")["error"] == "success"
+    assert_shown_again(client, xvfb, corrected, playing_copy)
     client.close()
