@@ -12,18 +12,21 @@ from tests.player_page import ARGUMENTS, table
 from tests.programs import PATIENCE_S, succeed, wait_until
 from tests.remote import show
 from tests.rooms import write_blurred_room
+from tests.stage import Stage
 
 WITHOUT_SOUND = {"volume", "mute"}
 RANDOM_LINES = 600
 
 
 def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_room: Path, folder: Path) -> None:
-    commands, properties = (dict(row[:2] for row in table(name)) for name in ("Commands", "Properties"))
+    known = Stage().commands
+    commands = {row[0] for row in table("Commands")}
+    properties = {name: known.takes(name) for name in known.properties()}
     arguments = ARGUMENTS | {"cycle": ["osd"]}
     told = "--loop", "--refine", "4", "--check-with", f"--camera folder:{folder / 'no-camera'}"
     with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", *told) as (process, client):
         assert sorted(client.get("property-list")) == sorted(properties)
-        assert {entry["name"] for entry in client.get("command-list")} == commands.keys()
+        assert {entry["name"] for entry in client.get("command-list")} == commands
         for number, name in enumerate(properties):
             assert client.ask("observe_property", number, name)["error"] == "success"
         for name in commands:
