@@ -1,8 +1,9 @@
-"""docs/player.md for tests: its tables, and arguments for the commands that it lists."""
+"""docs/player.md for tests: its tables, arguments for the commands that it lists, and all properties."""
 
 import re
 
 from tests.programs import ROOT
+from tests.stage import Stage
 
 PAGE = (ROOT / "docs" / "player.md").read_text()
 ARGUMENTS: dict[str, list[object]] = {
@@ -20,6 +21,12 @@ ARGUMENTS: dict[str, list[object]] = {
     "add": ["contrast", 2],
     "multiply": ["refine", 2],
 }
+
+
+def properties() -> dict[str, str]:
+    """Returns each property and the values that it takes."""
+    known = Stage().commands
+    return {name: known.takes(name) for name in known.properties()}
 
 
 def table(heading: str, number: int = 0) -> list[list[str]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.fuzz.memory import CLIPS, looping
 from tests.fuzz.tally import CRASHED, HUNG, READ, Plan, Tally, Trial
-from tests.player_page import table
+from tests.player_page import properties
 from tests.programs import PATIENCE_S, wait_until
 from tests.remote import Client
 
@@ -19,7 +19,7 @@ WORDS = (
     *("loadfile", "place-move", "place-scale", "place-save", "show-text", "ab-loop", "frame-step", "reload"),
 )
 VALUES = (None, True, 0, -1, 1e308, 10**400, "", "\udc80", [], {}, [[0, 0]] * 4, "nan", "yes")
-THINGS: tuple[object, ...] = (*(row[0] for row in table("Properties")), *VALUES)
+THINGS: tuple[object, ...] = (*properties(), *VALUES)
 
 
 class Lines:

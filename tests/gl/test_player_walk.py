@@ -17,7 +17,7 @@ import pytest
 from counterlight.show.keys import KEYS, MEANINGS, PLACING
 from counterlight.show.registry import Commands
 from tests.desktop import click, press
-from tests.player_page import ARGUMENTS, table
+from tests.player_page import ARGUMENTS, properties, table
 from tests.programs import PATIENCE_S, ROOT, on, running
 from tests.stage import Stage
 
@@ -157,8 +157,7 @@ def test_every_documented_command_and_property(xvfb: str, small_room: Path, fold
         if name not in ("quit", "projector"):  # see test_projectors_are_switched
             calls.append(["run", name, *ARGUMENTS.get(name, [])])
     calls += [["run", "place"], ["run", "place-move", 0.1, 0], ["run", "place-save"]]
-    commands = Stage().commands
-    names = [(name, commands.takes(name)) for name in commands.properties()]
+    names = [*properties().items()]
     calls += [["get", name] for name, _ in names]
     (folder / "calls.json").write_text(json.dumps(calls))
     first = answers(xvfb, folder, small_room)

@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketExce
 from counterlight.remote.visitor import AT_ONCE
 from counterlight.remote.web import LONGEST_MESSAGE, MOST_VISITORS
 from tests.fuzz.lines import random_line
-from tests.player_page import table
+from tests.player_page import properties, table
 from tests.programs import PATIENCE_S, descendants, fail, on, wait_until
 from tests.web_remote import Place, child, free_port, printed_address, show_with_remote
 
@@ -197,7 +197,7 @@ def test_after_nonsense_it_answers_and_plays(
     """Known words in random order, damaged requests, bytes, invalid HTTP, and a message that is too long."""
     words = ["get_property", "set_property", "cycle", "add", "multiply", "set", "place", "seek", "place-drag"]
     words += ["loadfile", "place-move", "place-grab", "show-text", "ab-loop", "frame-step", "preview", "check-room"]
-    things = [*(row[0] for row in table("Properties")), None, True, 0, -1, 1e308, 10**400, "", "\udc80", [], {}, "nan"]
+    things = [*properties(), None, True, 0, -1, 1e308, 10**400, "", "\udc80", [], {}, "nan"]
     with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place):
         with place.visit() as visitor:
             for index in range(int(2 * AT_ONCE)):  # above AT_ONCE, requests are read slowly
