@@ -111,10 +111,6 @@ PROSE = (
         studied,
         ("{} dB closer on a wall and {} dB with the statuette", nearer),
         (
-            "A smooth gradient is {} dB below there",
-            lambda t: of_room(t, "corner", "direct", "gradient"),
-        ),
-        (
             "is within {} dB of the best in four rooms",
             lambda t: (max(mean(of_room(t, room, THESIS)) for room in FOUR),),
         ),
