@@ -1,4 +1,4 @@
-"""docs/player.md for tests: its tables, arguments for the commands that it lists, and all properties."""
+"""docs/player.md for tests: its tables of keys; and all commands and properties, with arguments for the commands."""
 
 import re
 
@@ -21,6 +21,11 @@ ARGUMENTS: dict[str, list[object]] = {
     "add": ["contrast", 2],
     "multiply": ["refine", 2],
 }
+
+
+def commands() -> list[str]:
+    """Returns the names of all commands."""
+    return [*Stage().commands.names()]
 
 
 def properties() -> dict[str, str]:

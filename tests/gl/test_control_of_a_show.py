@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.fuzz.lines import assert_goes_on, faults_told, random_line, send_and_count
-from tests.player_page import ARGUMENTS, properties, table
+from tests.player_page import ARGUMENTS, commands, properties
 from tests.programs import PATIENCE_S, succeed, wait_until
 from tests.remote import show
 from tests.rooms import write_blurred_room
@@ -18,15 +18,15 @@ RANDOM_LINES = 600
 
 
 def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_room: Path, folder: Path) -> None:
-    commands, values = [row[0] for row in table("Commands")], properties()
+    values = properties()
     arguments = ARGUMENTS | {"cycle": ["osd"]}
     told = "--loop", "--refine", "4", "--check-with", f"--camera folder:{folder / 'no-camera'}"
     with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", *told) as (process, client):
         assert sorted(client.get("property-list")) == sorted(values)
-        assert {entry["name"] for entry in client.get("command-list")} == set(commands)
+        assert {entry["name"] for entry in client.get("command-list")} == set(commands())
         for number, name in enumerate(values):
             assert client.ask("observe_property", number, name)["error"] == "success"
-        for name in commands:
+        for name in commands():
             if name.startswith("place-"):
                 client.ask("place")
             if name not in ("quit", "projector"):  # see test_projectors_are_switched

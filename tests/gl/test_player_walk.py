@@ -15,11 +15,9 @@ import numpy as np
 import pytest
 
 from counterlight.show.keys import KEYS, MEANINGS, PLACING
-from counterlight.show.registry import Commands
 from tests.desktop import click, press
-from tests.player_page import ARGUMENTS, properties, table
+from tests.player_page import ARGUMENTS, commands, properties, table
 from tests.programs import PATIENCE_S, ROOT, on, running
-from tests.stage import Stage
 
 State = dict[str, Any]
 SYMBOLS = {
@@ -52,14 +50,7 @@ def walking(display: str, folder: Path, *arguments: object) -> AbstractContextMa
     return running(*words, folder=folder, errors=None, PYTHONPATH=str(ROOT), **on(display))
 
 
-def documented(commands: Commands) -> None:
-    """The page lists every command with its arguments."""
-    listed = {row[0]: row[1] for row in table("Commands")}
-    assert listed == {name: commands.usage(name) for name in commands.names()}
-
-
-def test_the_page_lists_what_there_is() -> None:
-    documented(Stage().commands)
+def test_the_page_lists_the_keys() -> None:
     for number, bindings in enumerate((KEYS, PLACING)):
         rows = table("Keys", number)
         assert {row[0]: row[1] for row in rows} == bindings
@@ -151,7 +142,7 @@ def arrival(words: str) -> Callable[[State, State], bool]:
 
 def test_every_documented_command_and_property(xvfb: str, small_room: Path, folder: Path) -> None:
     calls: list[list[object]] = []
-    for name, *_ in table("Commands"):
+    for name in commands():
         if name.startswith("place-"):
             calls.append(["run", "place"])
         if name not in ("quit", "projector"):  # see test_projectors_are_switched

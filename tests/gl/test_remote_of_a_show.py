@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketExce
 from counterlight.remote.visitor import AT_ONCE
 from counterlight.remote.web import LONGEST_MESSAGE, MOST_VISITORS
 from tests.fuzz.lines import random_line
-from tests.player_page import properties, table
+from tests.player_page import commands, properties
 from tests.programs import PATIENCE_S, descendants, fail, on, wait_until
 from tests.web_remote import Place, child, free_port, printed_address, show_with_remote
 
@@ -61,7 +61,7 @@ def test_what_a_visitor_asks_is_done_and_all_are_told_what_changes(xvfb: str, sm
             known = next(told for told in other.events if told["event"] == "known")
             assert known["properties"]["brightness"]["min"] == -100
             assert known["properties"]["view"]["choices"][0] == "projector"
-            assert set(known["commands"]) == {row[0] for row in table("Commands")}
+            assert set(known["commands"]) == set(commands())
             costly = {name for name, info in known["properties"].items() if info["costly"]}
             other.hear_until(lambda: set(other.values) == set(known["properties"]) - costly)
             assert one.ask("set_property", "brightness", 12)["error"] == "success"
