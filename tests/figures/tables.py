@@ -83,13 +83,6 @@ TABLES = (
     ),
     table("docs/content.md", "python -m tests.studies.content", 4, "white | adapt"),
     table("docs/content.md", "python -m tests.studies.content", 4, "flicker | noise"),
-    table(
-        "docs/content.md",
-        "python -m tests.studies.content",
-        4,
-        "a frame in the projector's view",
-        ("processor ms, fastest of 7 in turns",),
-    ),
     table("docs/gpu.md", "python -m tests.bench --only words", 3, "room | T⁺ | its entries"),
     table(
         "docs/gpu.md",

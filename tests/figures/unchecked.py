@@ -14,7 +14,6 @@ UNCHECKED = (  # page, beginning of a table's header, reason
     ("docs/size.md", "| | at most", "limits, not measured"),
     ("docs/unattended.md", "| event | black for at most", TIMES),
     ("docs/player.md", "| frames per second, room", TIMES),
-    ("docs/size.md", "| acquired `corner`", LARGE),
     ("docs/pairs.md", "| captures at 512x384", OUTSIDE),
 )
 SENTENCES = (  # page, words of prose, reason
