@@ -1,4 +1,4 @@
-"""docs/player.md for tests: its tables of keys; and all commands and properties, with arguments for the commands."""
+"""The player for tests: the keys of docs/player.md; all commands and properties, with arguments for the commands."""
 
 import re
 
@@ -34,9 +34,9 @@ def properties() -> dict[str, str]:
     return {name: known.takes(name) for name in known.properties()}
 
 
-def table(heading: str, number: int = 0) -> list[list[str]]:
-    """Rows of a table below a heading of the page, without code marks."""
-    section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
-    blocks = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
-    rows = [re.split(r"(?<!\\) ?\| ?", line.strip().strip("|").strip()) for line in blocks[number].splitlines()[2:]]
-    return [[cell.strip().strip("`").replace("\\|", "|") for cell in row] for row in rows]
+def keys(number: int = 0) -> list[str]:
+    """Returns the keys of the page in its order: of the show (0), or during placement (1)."""
+    section = PAGE.partition("\n## Keys\n")[2].partition("\n## ")[0]
+    tables = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
+    cells = (row.split("|")[1] for row in tables[number].splitlines()[2:])
+    return [key for cell in cells for key in re.findall(r"`([^`]+)`", cell)]
