@@ -172,7 +172,7 @@ PROSE = (
     said(
         "docs/table_6_1.md",
         SCENES,
-        ("gains {} dB; that of the cards", lambda t: (t.one("skull", MAPPED, 2) - t.one("skull", DAMPED, 2),)),
+        ("and gains {} dB. The cards' T⁺", lambda t: (t.one("skull", MAPPED, 2) - t.one("skull", DAMPED, 2),)),
         ("times as long, and gains {}.", lambda t: (t.one("diffuse", MAPPED, 2) - t.one("diffuse", DAMPED, 2),)),
         (
             "In the glass direct mapping has {} dB less error",
