@@ -161,17 +161,14 @@ def led_in() -> Figures:
     )
 
 
-def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> Figures:
-    """Returns the row for the costs and energies of a scene's effects, and their total.
-
-    beginning : number of the page's table.
-    """
-    cells = without(labelled(markdown("scene | effect"), f"{beginning}: {scene} | "), "scene", "effect")
+def explained(scene: str, sizes: str, minutes: float) -> Figures:
+    """Returns the row for the costs and energies of a scene's effects, and their total."""
+    cells = without(labelled(markdown("scene | effect"), f"1: {scene} | "), "scene", "effect")
 
     def found(text: str) -> Cells:
         effects = re.findall(r"^(\w+) +on +([\d.]+) +([\d,]+) +(\S+ %)", text, re.MULTILINE)
-        named = {f"{beginning}: {scene} | {name}": figures for name, *figures in effects}
-        together = pattern(**{f"{beginning}: {scene} | **together**, CPU s": r"\ntogether +([\d.]+)"})(text)
+        named = {f"1: {scene} | {name}": figures for name, *figures in effects}
+        together = pattern(**{f"1: {scene} | **together**, CPU s": r"\ntogether +([\d.]+)"})(text)
         columns_ = ("CPU s", "entries", "energy")
         return together | {
             f"{name}, {column}": figure

@@ -122,8 +122,6 @@ TABLES = (
     ),
     table("docs/size.md", "python -m tests.studies.blurring", 5, "limit | near | blurred"),
     *(explained(scene, CORNER, minutes) for scene, minutes in FULL_SIZE.items()),
-    explained("glass", "--camera 320x240 --projector 192x144", 3, "2"),
-    explained("skull", "--camera 240x320 --projector 192x192", 2, "2"),
     table("docs/simulation.md", "python -m tests.studies.worth", 9, "scene | camera", ("CPU s whole, with these",)),
     table("docs/rig.md", "python -m tests.studies.optimum", 25, "room | direct mapping | optimum"),
     rigged("--fault known home drift", 10, f"{RIG} | inside (optimum), dB | blurred"),
