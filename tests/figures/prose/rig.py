@@ -4,8 +4,8 @@ from itertools import combinations
 
 from tests.figures.claims import Table, ends, said, tabled
 
-RIG = tabled("docs/rig.md", "room | fault | optimum, dB | captured, dB | below, dB | inside (optimum), dB | blurred")
-ALONE = tabled("docs/rig.md", "room | fault | optimum, dB | captured, dB | below, dB | inside (optimum), dB | ΔE")
+HEAD = "room | fault | optimum, dB | captured, dB | below, dB | inside (optimum), dB | ΔE2000 (optimum)"
+RIG, ALONE = (tabled("docs/rig.md", f"{HEAD} | {column}") for column in ("light", "inside"))
 ROOMS = "wall", "corner", "glass", "defocus"
 SHOWN = "astronaut, dB, 0, 4, 16, 64 steps"
 INSIDE, CHECKED = "inside (optimum), dB", "inside after one check, dB"
