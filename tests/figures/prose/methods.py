@@ -13,9 +13,9 @@ SYSTEMS = tabled("docs/hard_cases.md", "error, % / amplification")
 CUTS = tabled("docs/hard_cases.md", "focus | allowed")
 CAPTURED = {  # shipped scene -> the sentence of docs/table_6_1.md with its seconds
     "skull": "it takes {} s for the skull",
-    "statuette": "optimum; {} s and {_} dB for the statuette",
-    "glass": "statuette; {} s and",
-    "folded_cards": "glass; {} s and",
+    "statuette": "It takes {} s for the statuette",
+    "glass": ", {} s for the glass",
+    "folded_cards": "and {} s for the cards",
 }
 FOUR = "wall", "two_planes", "glass", "skull"
 BELOW, WORST, MIB = "dB below the best", "worst room", "MiB of maps"
@@ -133,8 +133,8 @@ PROSE = (
         ACCURACY,
         studied,
         (
-            "skull, {} dB below the optimum; {_} s and {} dB for the statuette; {_} s and {} dB for the glass; {_} s "
-            "and {} dB for the cards",
+            "skull, {} dB below the optimum. It takes {_} s for the statuette ({} dB), {_} s for the glass ({} dB), "
+            "and {_} s for the cards ({} dB).",
             lambda t: [n for room in CAPTURED for n in of_room(t, room, THESIS, "photograph")],
         ),
         *(
@@ -178,7 +178,10 @@ PROSE = (
             "In the glass direct mapping has {} dB less error",
             lambda t: (-t.one("glass", "direct, triangulated: computed; frame; below optimum", 2),),
         ),
-        ("in the cards and on wax {} to {} dB short", lambda t: ends(t("skull|David|glass|diffuse", MULTIPLEXED, 2))),
+        (
+            "in the cards and on wax {} to {} dB are missing",
+            lambda t: ends(t("skull|David|glass|diffuse", MULTIPLEXED, 2)),
+        ),
     ),
     said(
         "docs/table_6_1.md",
@@ -192,8 +195,8 @@ PROSE = (
             lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
         ),
         (
-            "triangles are {} dB better than whole pixels (flat: {} to {}), the thesis' T⁺ {} better than triangles "
-            "(flat: {})",
+            "Triangles are {} dB better than whole pixels (flat: {} to {}). The thesis' T⁺ is {} dB better than "
+            "triangles (flat: {}).",
             lambda t: (
                 t.one(r"relief \| photo", "direct") - t.one(r"relief \| photo", TRIANGLES),
                 *ends([a - b for a, b in zip(t("flat", "direct"), t("flat", TRIANGLES), strict=True)]),
