@@ -44,7 +44,7 @@ hard-cases: $(ready) ## how every method takes near-singular, contradictory and 
 	$(python) -m tests.studies.hard_cases
 
 docs: $(ready) ## the pages as a site: site/index.html
-	$(python) -m pip install --quiet --disable-pip-version-check -c constraints.txt mkdocs-material
+	$(python) -m pip install --quiet --disable-pip-version-check -c constraints.txt mkdocs-material mkdocstrings-python
 	NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build
 
 figures: $(ready) ## which figures of the pages are stale: minutes, ALL=1: hours

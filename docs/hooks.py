@@ -1,0 +1,36 @@
+"""Adds the generated pages to the site, and lists the parameters of docstrings (mkdocs.yml)."""
+
+import re
+
+import griffe
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+from tests.reference import pages
+
+PARAMETER = re.compile(r"^(\w+(?:, \w+)*) : ", re.MULTILINE)
+
+CODE = re.compile(r"`([^`\n]*\\\|[^`\n]*)`")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    for path, text in pages().items():
+        files.append(File.generated(config, path, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """Replace code with `\\|` in tables, which Python's Markdown shows with the backslash."""
+    return CODE.sub(lambda code: f"<code>{_entities(code[1].replace(chr(92), ''))}</code>", markdown)
+
+
+def _entities(code: str) -> str:
+    return "".join(each if each.isalnum() or each in " -" else f"&#{ord(each)};" for each in code)
+
+
+class ListedParameters(griffe.Extension):
+    """Makes a list of the lines `name : text`, which Markdown would join."""
+
+    def on_object(self, *, obj: griffe.Object, **_: object) -> None:
+        if obj.docstring:
+            obj.docstring.value = PARAMETER.sub(r"\n- **\1**: ", obj.docstring.value)
