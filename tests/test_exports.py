@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import OpenEXR
+import PyOpenColorIO
 import pytest
 from PIL import Image
 from scipy import sparse
@@ -212,10 +213,9 @@ def test_the_colour_table_gives_a_projectors_codes(wall: Path, tmp_path: Path) -
 
 
 def test_opencolorio_applies_the_table(tmp_path: Path) -> None:
-    ocio = pytest.importorskip("PyOpenColorIO")
     write_cube(tmp_path / "out.cube", Device(9, 9, Response("gamma", 2.4)))
     (tmp_path / "out.ocio").write_text(ocio_config(["out.cube"]))
-    config = ocio.Config.CreateFromFile(str(tmp_path / "out.ocio"))
+    config = PyOpenColorIO.Config.CreateFromFile(str(tmp_path / "out.ocio"))
     config.validate()
     processor = config.getProcessor("linear", "projector 1").getDefaultCPUProcessor()
     light = np.array([0.02, 0.3, 1.0])
