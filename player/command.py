@@ -6,6 +6,7 @@ import io
 import os
 import re
 import select
+import shlex
 import shutil
 import signal
 import sys
@@ -68,6 +69,11 @@ class _Formatter(argparse.HelpFormatter):
             default_metavar = "|".join(map(str, action.choices))
         shown = default_metavar if action.metavar is None else action.metavar
         return lambda size: shown if isinstance(shown, tuple) else (shown,) * size
+
+
+def next_command(*words: object) -> str:
+    """Returns the line that names the command after this one."""
+    return f"next: counterlight {shlex.join(map(str, words))}"
 
 
 class _HelpAll(argparse.Action):

@@ -6,13 +6,12 @@ resumes an interrupted acquisition.
 """
 
 import argparse
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, at_least_0, run
+from counterlight.command import Arguments, Parser, at_least_0, next_command, run
 from counterlight.errors import InputError
 from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options, sources_of
@@ -88,7 +87,7 @@ def _main(argv: Sequence[str] | None) -> None:
         for warning in report.warnings:
             print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
-        print(f"next: counterlight build {shlex.quote(str(output))}")
+        print(next_command("build", output))
 
 
 def _choose_scheme(options: argparse.Namespace) -> None:

@@ -1,14 +1,13 @@
 """counterlight build: invert a calibration's light transport and pack it for the player."""
 
 import argparse
-import shlex
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, run, tell
+from counterlight.command import Arguments, Parser, next_command, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSES
 from counterlight.tools.cluster_option import add_cluster, workers_of
@@ -57,7 +56,7 @@ def _main(argv: Sequence[str] | None) -> None:
             print(f"view {number} of {len(folders)}")
         conclusion = _build(folder, options, inverse_options, aims)
     took = time.monotonic() - start
-    print(f"{took:.1f} s: {conclusion}; next: counterlight play {shlex.quote(str(options.calibration))} MEDIA")
+    print(f"{took:.1f} s: {conclusion}; {next_command('play', options.calibration, 'MEDIA')}")
 
 
 def _build(

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, parse_size, run
+from counterlight.command import Parser, next_command, parse_size, run
 from counterlight.response import named_response
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, given_or_assumed
 from counterlight.tools.choices import GRAYCODE_ORDERS
@@ -36,6 +36,7 @@ def _main(argv: Sequence[str] | None) -> None:
     print(f"{options.output}: {summary}, {time.monotonic() - start:.1f} s")
     if options.response is None:
         print(ASSUMED_LINE)
+    print(next_command("build", options.output))
 
 
 def _parser() -> Parser:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, parse_size, run
+from counterlight.command import Parser, next_command, parse_size, run
 from counterlight.response import named_response
 
 
@@ -28,7 +28,7 @@ def _main(argv: Sequence[str] | None) -> None:
     summary = import_pairs_room(
         options.pictures, options.photographs, options.output, pairs_options, name=options.name, force=options.force
     )
-    print(f"{options.output}: {summary}\n{time.monotonic() - start:.1f} s\nnext: counterlight build {options.output}")
+    print(f"{options.output}: {summary}\n{time.monotonic() - start:.1f} s\n{next_command('build', options.output)}")
 
 
 def _parser() -> Parser:

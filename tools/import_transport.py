@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, parse_size, run
+from counterlight.command import Parser, next_command, parse_size, run
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, add_tolerance, given_or_assumed
 
 READ = "--camera and --projector are WIDTHxHEIGHT, and pixels are numbered row by row; import T again if that is wrong"
@@ -36,6 +36,7 @@ def _main(argv: Sequence[str] | None) -> None:
         print(f"warning: {described}; {READ}", file=sys.stderr)
     if options.response is None:
         print(ASSUMED_LINE)
+    print(next_command("build", options.output))
 
 
 def _parser() -> Parser:

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, next_command, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import SCREENS
@@ -24,6 +24,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    print(f"{_joined(options)}\n{next_command('build', options.output)}")
+
+
+def _joined(options: argparse.Namespace) -> str:
+    """Joins the rooms as views, cameras or projectors; returns a description."""
     from counterlight.tools.joining.cameras import CameraOptions, join_cameras, same_projectors
     from counterlight.tools.joining.projectors import join_rooms
 
@@ -36,17 +41,15 @@ def _main(argv: Sequence[str] | None) -> None:
         from counterlight.tools.joining.views import join_views
 
         asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)
-        print(join_views(options.rooms, Places(tuple(options.at)), options.output, asked, options.monitor, **named))
-        return
+        return join_views(options.rooms, Places(tuple(options.at)), options.output, asked, options.monitor, **named)
     if options.cameras or same_projectors(options.rooms):
         asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)
         if not options.cameras:
             print("taken for several cameras of the same projectors")
-        print(join_cameras(options.rooms, options.output, asked, options.monitor, **named))
-        return
+        return join_cameras(options.rooms, options.output, asked, options.monitor, **named)
     if options.keep_exposures or options.screen != SCREENS[0]:
         raise InputError("--screen and --keep-exposures are for cameras: add --cameras, or leave them out")
-    print(join_rooms(options.rooms, options.output, options.monitor, tolerance=options.tolerance, **named))
+    return join_rooms(options.rooms, options.output, options.monitor, tolerance=options.tolerance, **named)
 
 
 def _place(text: str) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, parse_decibels, parse_size, run
+from counterlight.command import Arguments, Parser, next_command, parse_decibels, parse_size, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import BLUR_TOLERANCE
@@ -40,7 +40,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
     with calibration.replacing(options.output, force=options.force, inputs=[options.scene]) as stage:
         words = fill_simulated_room(*_simulate(options), stage)
-    print(f"{options.output}: {words}")
+    print(f"{options.output}: {words}\n{next_command('build', options.output)}")
 
 
 def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":

@@ -48,7 +48,8 @@ def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustmen
     if room.drifted is not None:
         stats.facts["drift"] = room.drifted
     quality = stats.facts.get("camera_psnr_db")
-    print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
+    frames = "1 frame" if stats.frames == 1 else f"{stats.frames} frames"
+    print(f"{options.output}: {frames}" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
     return stats
 
 

@@ -53,7 +53,7 @@ def join_views(
         )
         write_views(views, places, stage)
     words = [f"{output}: {described(views)}", *(str(each).replace("camera", "view", 1) for each in placed)]
-    return "\n".join([*words, f"next: counterlight build {output}"])
+    return "\n".join(words)
 
 
 def on_shared_screen(
