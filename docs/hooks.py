@@ -20,7 +20,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Replace code with `\\|` in tables, which Python's Markdown shows with the backslash."""
+    """Replace code with `\\|` in tables, which the site shows with the backslash; link to the pages of notebooks."""
+    markdown = markdown.replace(".ipynb)", ".md)")
     return CODE.sub(lambda code: f"<code>{_entities(code[1].replace(chr(92), ''))}</code>", markdown)
 
 

@@ -1,4 +1,4 @@
-"""Pages of the site that are generated: options of all commands, and keys, commands and properties of the player.
+"""Pages of the site that are generated: options of all commands, the player's tables, Python names, notebooks.
 
 docs/hooks.py adds them to the site (`make docs`).
 """
@@ -10,13 +10,18 @@ import counterlight
 from counterlight.command import Parser, _Formatter
 from counterlight.show.keys import KEYS, MEANINGS, PLACING
 from counterlight.tools.verbs import VERBS
+from tests.notebook import markdown
 from tests.parsers import parser_of
+from tests.programs import ROOT
 from tests.stage import Stage
 
 
-def pages() -> dict[str, str]:
-    """Returns the text of each page by its path below docs/."""
-    return {"reference/options.md": options(), "reference/player.md": player(), "reference/python.md": python()}
+def pages() -> dict[str, str | bytes]:
+    """Returns the content of each page and picture by its path below docs/."""
+    notebooks = (markdown(path) for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")))
+    ran = {f"notebooks/{name}": content for files in notebooks for name, content in files}
+    texts = {"reference/options.md": options(), "reference/player.md": player(), "reference/python.md": python()}
+    return {**texts, **ran}
 
 
 def options() -> str:
