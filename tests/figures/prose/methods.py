@@ -204,7 +204,7 @@ PROSE = (
                 t.one(r"flat \| photo", TRIANGLES) - t.one(r"flat \| photo", THESIS),
             ),
         ),
-        ("undo the scattering to {} to {} dB", lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4"))),
+        ("they end {} to {} dB below the best", lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4"))),
     ),
     said(
         "docs/hard_cases.md",
@@ -230,7 +230,10 @@ PROSE = (
             "no cluster of a cut wall is worse conditioned than {},",
             lambda t: (max(t(r"\| (40|10)$", "worst condition")),),
         ),
-        ("Its error ends at {} % whatever the blur", lambda t: (max(t(r"\| (40|10)$", "plain inverse")),)),
+        (
+            "The error of a cut wall ends at {} % whatever the blur",
+            lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
+        ),
         ("bounds the amplification just as well at {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
     ),
 )
