@@ -58,7 +58,7 @@ def test_the_page_runs_as_it_is_printed(tmp_path: Path, monkeypatch: pytest.Monk
     assert 0 <= drive.min() <= drive.max() <= 1
     assert found.below_optimum < 0.1
     assert np.array_equal(same.correction.entries, maps.correction.entries)
-    assert "frames" in succeed("play", "room", "frame.png", "--no-config", "--output", "drive.png")
+    assert "1 frame" in succeed("play", "room", "frame.png", "--no-config", "--output", "drive.png")
 
 
 def test_a_room_of_matrices_is_what_scipy_says(room: cl.Room, matrices: list[sparse.csr_array]) -> None:
