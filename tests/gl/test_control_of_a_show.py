@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests import player_page
 from tests.fuzz.lines import assert_goes_on, faults_told, random_line, send_and_count
-from tests.player_page import ARGUMENTS, commands, properties
 from tests.programs import PATIENCE_S, succeed, wait_until
 from tests.remote import show
 from tests.rooms import write_blurred_room
@@ -18,36 +18,36 @@ RANDOM_LINES = 600
 
 
 def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_room: Path, folder: Path) -> None:
-    values = properties()
-    arguments = ARGUMENTS | {"cycle": ["osd"]}
+    commands, properties = player_page.commands(), player_page.properties()
+    arguments = player_page.ARGUMENTS | {"cycle": ["osd"]}
     told = "--loop", "--refine", "4", "--check-with", f"--camera folder:{folder / 'no-camera'}"
     with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", *told) as (process, client):
-        assert sorted(client.get("property-list")) == sorted(values)
-        assert {entry["name"] for entry in client.get("command-list")} == set(commands())
-        for number, name in enumerate(values):
+        assert sorted(client.get("property-list")) == sorted(properties)
+        assert {entry["name"] for entry in client.get("command-list")} == set(commands)
+        for number, name in enumerate(properties):
             assert client.ask("observe_property", number, name)["error"] == "success"
-        for name in commands():
+        for name in commands:
             if name.startswith("place-"):
                 client.ask("place")
             if name not in ("quit", "projector"):  # see test_projectors_are_switched
                 answer = client.ask(name, *arguments.get(name, []))
                 assert answer["error"] == "success", answer
                 assert name != "screenshot" or Path(folder, answer["data"]).stat().st_size > 100
-        found = {name: client.ask("get_property", name) for name in values}
+        found = {name: client.ask("get_property", name) for name in properties}
         assert {name for name in found if found[name]["error"] != "success"} == WITHOUT_SOUND
         assert all(found[name]["message"] == "no audio" for name in WITHOUT_SOUND)
         wanted = {"view": "camera", "contrast": 2, "osd": "off", "pause": True, "refine": 8, "placing": False}
         assert {name: found[name]["data"] for name in wanted} == wanted
         assert len(found["playlist"]["data"]) == 1  # after playlist-clear
-        for name, taken in values.items():
+        for name, values in properties.items():
             error = client.ask("set_property", name, found[name].get("data", 50))["error"]
             refusal = "error running command" if name in WITHOUT_SOUND else "success"
-            assert error == ("error accessing property" if taken == "read-only" else refusal), name
+            assert error == ("error accessing property" if values == "read-only" else refusal), name
         assert client.ask("set_property", "pause", False)["error"] == "success"
         frames = client.get("frames")
         wait_until(lambda: client.get("frames") > frames + 5, "the show goes on", process)
         changes = {event["name"]: event["data"] for event in client.events if event["event"] == "property-change"}
-        assert changes.keys() == values.keys()
+        assert changes.keys() == properties.keys()
         assert changes["contrast"] == 2
         assert client.ask("quit")["error"] == "success"
         assert client.ending()[-1] == "shutdown"
