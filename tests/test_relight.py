@@ -109,7 +109,7 @@ def test_the_white_level_is_positive_whatever_the_picture() -> None:
 
 
 def test_maps_with_far_light_are_random_enough(rng: np.random.Generator) -> None:
-    """The test with far light needs far light that changes the answer."""
+    """Far light changes the answer, so that the test of compensation with far light can fail."""
     room = random_room(rng, far=True).maps
     assert room.undo is not None
     white, plain = np.ones((*CAMERA, 3)), RoomMaps(room.correction, room.transport, None, None, room.white)

@@ -26,7 +26,7 @@ def probe_opengl() -> dict[str, Any]:
 
 
 def probe_screen() -> dict[str, Any]:
-    """Return the monitors that GLFW sees, including those of the null platform and of Xvfb."""
+    """Return the monitors that GLFW sees, including monitors of the null platform and of Xvfb."""
     return {"monitors": [dataclasses.asdict(monitor) | {"text": str(monitor)} for monitor in list_monitors()]}
 
 

@@ -13,7 +13,7 @@ from counterlight.show.governor import Governor
 from counterlight.show.lookup import LookUp
 
 INTERVAL_S = 0.5  # least time between two measurements
-ASKED_S = 10.0  # a remote that asked is taken to be interested for this long
+ASKED_S = 10.0  # how long the estimate continues after a request by a remote
 LAST_S = 30.0  # longest wait for an estimate at the end of a show
 REST = 50  # pause after a snapshot, in multiples of its read-back time: 2 % of the show's time
 

@@ -14,7 +14,7 @@ from counterlight.show.session import Session
 PREVIEWS = Choice(("screen", "camera"))
 QUALITY = 75  # quality of JPEG, 0 to 100
 MOST_TIME = 0.05  # share of the show's time that previews may take
-MOST_STOLEN = 0.01  # share of the time that previews may take away from frames, if no time is left between frames
+MOST_STOLEN = 0.01  # share of the frames' time that previews may take if no time is left between frames
 LEAST_S = 0.5  # shortest time between two previews that delay a frame
 AT_FIRST_S = 0.002  # assumed cost of a first preview
 

@@ -62,7 +62,7 @@ def calls_of(log: Path) -> set[Call]:
 
 @dataclass(frozen=True)
 class Rules:
-    """Allowed calls: those of a harmless run (`known`), and reading the program itself and files below `roots`.
+    """Allowed calls: the calls of a harmless run (`known`), and reading the program itself and files below `roots`.
 
     scratch : a folder in which every call may create files, for the program's own temporary files.
     """

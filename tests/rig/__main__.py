@@ -76,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--scale", type=float, help="of camera and projector, 160x120 and 96x72 at 1")
     parser.add_argument(
         "--steps", type=lambda text: [int(word) for word in text.split(",")], default=[0, 4, 16, 64], metavar="N,N…",
-        help="of refinement to try beside the default (0,4,16,64)",
+        help="of refinement to try besides the default (0,4,16,64)",
     )  # fmt: skip
     parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="for build (default: none)")
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="every picture's figures")

@@ -125,7 +125,7 @@ SHOWN = {  # column of docs/hard_cases.md -> method
     "64 steps": "refined 64",
     "`box`": "box",
 }
-LISTED = {  # case -> name of its row there
+LISTED = {  # case -> name of its row on the page
     "wall, condition 1e+02": "wall, condition 1e2",
     "wall, condition 1e+04": "wall, condition 1e4",
     "wall, condition 1e+08": "wall, condition 1e8",

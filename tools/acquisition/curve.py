@@ -52,7 +52,7 @@ DARKEST, DARK = 0.005, 0.02  # share of the camera's pixels that see no light in
 class Curve:
     """A measured curve.
 
-    response : the curve; linear if it cannot be told from a straight line.
+    response : the curve; linear if it cannot be distinguished from a straight line.
     error : RMS error of the light as a share of white, from the difference between curves of two halves of the pixels.
     bent : largest difference from a straight line between black and white, as a share of white.
     files : what the camera does to its pictures, in words.

@@ -51,7 +51,7 @@ class Bend:
 
     @property
     def is_linear(self) -> bool:
-        """Whether the bend is that of a linear camera, or too scattered to come from a camera at all."""
+        """Whether a linear camera can have the bend, or the bend is too scattered to come from a camera."""
         return abs(self.amount) <= max(MOST_BENT + SURELY * self.deviation, SCATTERED * self.scatter)
 
     @property
@@ -170,7 +170,7 @@ def bends_of(camera: Camera, room: Reference, picture: FloatArray, complement: F
 
 
 def refuse_bends(camera: Camera, bends: Sequence[Bend | None], name: str = "", *, measured: bool = False) -> None:
-    """Raises InputError if a bend is not that of a linear camera.
+    """Raises InputError for a bend that a linear camera cannot have.
 
     name : prefix that names the projector.
     measured : whether the captures were read with a measured curve.

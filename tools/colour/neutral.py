@@ -52,7 +52,7 @@ def neutral_mixing(primaries: NDArray[np.floating], mask: NDArray[np.bool_]) -> 
 
 
 def _neutral_tint(tint: FloatArray, brightness: FloatArray) -> FloatArray:
-    """Return the neutral tint, (2,): 0 if any paint comes near, else that of the brightest tenth by weakest channel."""
+    """Return the neutral tint, (2,): 0 if any paint comes near, otherwise the tint of the brightest tenth."""
     if np.percentile(np.linalg.norm(tint, axis=1), BALANCED_PERCENTILE) <= BALANCED:
         return np.zeros(2)
     brightest = brightness >= np.percentile(brightness, BRIGHTEST_PERCENTILE)

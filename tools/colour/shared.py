@@ -85,7 +85,7 @@ def _shared(chromaticities: Sequence[FloatArray]) -> FloatArray:
 
 
 def _whites(primaries: Sequence[NDArray[np.floating]], masks: Sequence[BoolArray]) -> list[FloatArray]:
-    """Return each projector's white on a neutral surface as the camera sees it, (3,), relative to the first one's.
+    """Return each projector's white on a neutral surface as the camera sees it, (3,), relative to the first white.
 
     Where two projectors light the same place, paint cancels; without such a place, the difference does not matter.
     """

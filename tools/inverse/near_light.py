@@ -189,7 +189,7 @@ def invert_as_the_thesis(
     The energy adds up to the floodlit room, so light below the threshold is distributed over the rest of its row. Near,
     blurred and far light form one T. Every lit camera pixel counts, without mask, weights or prior.
 
-    camera, projector : (height, width). The other arguments are those of `invert_near_light`.
+    camera, projector : (height, width). The other arguments are as in `invert_near_light`.
     """
     tau = (0.0 if transport.far is None else USUAL_TAU) if options.tau is None else options.tau
     if transport.far is not None and not tau:
@@ -265,7 +265,7 @@ def _directly_mapped(objective: Objective, clusters: Clusters) -> Inverse:
 class _Work:
     """The matrix to invert, and the options. Rows of T and reach are multiplied by the root of their weight.
 
-    whole : luminance of `near`. The other fields are those of `invert_near_light`.
+    whole : luminance of `near`. The other fields are arguments of `invert_near_light`.
     """
 
     near: SparseRows

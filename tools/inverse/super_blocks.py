@@ -1,8 +1,8 @@
 """Windows inverted on other machines: each super-block reads its own slice of T from a shared folder.
 
 A slice holds everything that the windows of a super-block can use: the columns of T, and N's rows and columns, of the
-pixels that their widest windows touch. Values and their order equal those of the whole, so the result is identical to
-the last bit.
+pixels that their widest windows touch. Values and their order are as in the whole, so the result is identical to the
+last bit.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,8 +1,8 @@
 """Fits colours and codes of a matrix in words, so that no result changes by more than allowed (maps/small_map.py).
 
-Most rows have one colour, that of their sum; one code for all channels is then exact except for rounding. For other
-rows, the colour is the weighted median of the entries' colours. Entries then get one code per channel, those with the
-largest effect first, until the change is allowed.
+Most rows have one colour, the colour of their sum; one code for all channels is then exact except for rounding. For
+other rows, the colour is the weighted median of the entries' colours. Entries then get one code per channel, those with
+the largest effect first, until the change is allowed.
 """
 
 import math

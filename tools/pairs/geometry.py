@@ -22,7 +22,7 @@ NO_MATCH = "the photographs do not show these pictures; check that they belong t
 SCALES = {8: 5, 4: 4, 2: 3, 1: 2}  # and Gauss-Newton steps at each
 MOST_PAIRS = 24  # that refine places
 WINDOW = 5.0  # standard deviation in camera pixels of the neighbourhood that determines a displacement
-LATERAL = 30.0  # the same for displacements of single primaries
+LATERAL = 30.0  # standard deviation for displacements of single primaries
 MOST_STEP = 2.0  # pixels
 STIFF = 2e-3  # share of the mean information that holds a displacement where the pictures are flat
 
@@ -79,7 +79,7 @@ def _resized(
 
 
 def refined(light: Pictures, captures: Pictures, found: Places, steps: int = 2) -> Places:
-    """Improve the places of all primaries together, then those of each primary by smooth displacements."""
+    """Improve the places of all primaries together, and then of each primary, by smooth displacements."""
     places = found.places
     light, captures = _some(light), _some(captures)
     for _ in range(steps):

@@ -23,7 +23,7 @@ B = TypeVar("B", bound=Batch)
 
 
 def joined(parts: Sequence[B]) -> B:
-    """Returns one batch with the rows of all batches; text fields are those of the first batch."""
+    """Returns one batch with the rows of all batches; text fields come from the first batch."""
     names = [field.name for field in fields(parts[0])]  # type: ignore[arg-type]
     columns = {name: [getattr(part, name) for part in parts] for name in names}
     return type(parts[0])(**{k: v[0] if isinstance(v[0], str) else np.concatenate(v) for k, v in columns.items()})

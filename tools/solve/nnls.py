@@ -19,7 +19,9 @@ from counterlight.tools.solve.clusterwise import Clusterwise
 
 FULL_EXCHANGES = 3  # full exchanges without progress, before single exchanges
 MOST_ROUNDS = 100
-RIDGE = 1e-14  # of the largest diagonal value; makes singular systems solvable, and refinement corrects the result
+RIDGE = (
+    1e-14  # share of the largest diagonal value; makes singular systems solvable, and refinement corrects the result
+)
 REFINEMENTS = 2
 TINY = np.finfo(float).tiny
 EXACT = 0.01  # of the slack below; no further refinement is then needed

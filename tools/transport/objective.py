@@ -34,8 +34,8 @@ FAINTEST = 1e-12  # of the largest d; projector pixels below it light nothing, a
 FINEST = 1e-6  # of ½ Σ w b²; an error 60 dB below the target needs no finer certificate
 HARDLY_SEEN = 0.02  # of the usual visibility; at this value, the prior is as strong as the camera's data
 FALL = 4  # the power by which the prior fades with visibility: 2e-7 of d for fully seen pixels
-HARDLY_LIT = 3e-4  # of the usual d: pixels of a bright room have 0.001 to 0.15 by far light alone, noise 0.00001
-BY_FAR_LIGHT = 1e-3  # of d: 0.005 costs folded_cards 0.5 dB of an even grey, this 0.2
+HARDLY_LIT = 3e-4  # share of the usual d; far light alone gives 0.001 to 0.15 in a bright room, noise 0.00001
+BY_FAR_LIGHT = 1e-3  # share of d; costs folded_cards 0.2 dB of an even grey, and 0.005 would cost 0.5 dB
 ALONE = 0.9  # of d: a pixel with a larger share of far light counts as seen by far light alone
 TINY, LARGEST = 1e-30, 1e6
 # of d if all light is gloss: no loss where other projectors can light the place, a twentieth less where none can

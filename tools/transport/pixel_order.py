@@ -60,7 +60,7 @@ def misreading(near: SparseRows, camera: Shape, projector: Shape) -> Misreading 
     near : (camera pixels, projector pixels), before it is factored.
     camera, projector : (height, width).
 
-    Square pictures cannot be told from their transposes.
+    Square pictures cannot be distinguished from their transposes.
     """
     if min(*camera, *projector) < LEAST_SIDE:
         return None

@@ -174,7 +174,7 @@ class FfmpegSource:
     def _decode_on(self, hwdec: str) -> Decoded:
         """Start again on a GPU, or on the processor with a notice if no GPU can decode. Returns the first picture.
 
-        The tags are those of the processor's decoder, because the pictures that PyAV downloads from a GPU have none.
+        The tags come from the processor's decoder, because the pictures that PyAV downloads from a GPU have none.
         """
         why = "no such device here"
         for self._device in devices_of(hwdec):

@@ -25,7 +25,7 @@ RING_BYTES = 512 << 20  # most bytes for decoding ahead; at least two slots
 
 
 def decode(arguments: dict[str, Any], mailbox: Mailbox, events: Events) -> None:
-    """Open a medium and decode it until the process is told to quit.
+    """Open a medium and decode it until the process gets the order to quit.
 
     arguments : medium, loop, frames_per_second, tolerant, hwdec, start (the first order), ring (a file descriptor).
     """

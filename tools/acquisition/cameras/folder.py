@@ -155,7 +155,7 @@ class FolderCamera:
         return tuple(read_photograph(path) for path in found)
 
     def _check_exposure(self, path: Path, time_s: float) -> None:
-        """Raises InputError if a RAW file's exposure, relative to --exposures, differs from that of the first file."""
+        """Raises InputError if a RAW file's exposure, relative to --exposures, differs from the first file's."""
         told = read_exposure(path)
         if told.time_s is None:
             return

@@ -13,7 +13,7 @@ Shape = tuple[int, int]
 
 
 class TogetherEye:
-    """Several eyes as one; narrower pictures are padded with black, and all share the exposures."""
+    """Joins eyes: narrower pictures are padded with black, and all eyes share the exposures."""
 
     def __init__(self, eyes: Sequence[Eye]) -> None:
         self._eyes = tuple(eyes)
@@ -62,7 +62,7 @@ class TogetherEye:
 
 
 def together(eyes: Sequence[Eye]) -> Eye:
-    """Returns several eyes as one; a single eye is returned unchanged."""
+    """Returns the joined eyes; a single eye is returned unchanged."""
     return eyes[0] if len(eyes) == 1 else TogetherEye(eyes)
 
 
