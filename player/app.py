@@ -256,7 +256,7 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
 
 @contextmanager
 def _without_blas() -> Iterator[None]:
-    """Keep Numba from importing scipy.linalg for a BLAS, which no pass needs; the import takes a seventh of the startup."""
+    """Keep Numba from importing scipy.linalg for a BLAS, which no pass needs: a seventh of the startup."""
     absent = {name: None for name in ("scipy.linalg", "scipy.linalg.cython_blas") if name not in sys.modules}
     sys.modules.update(absent)  # type: ignore[arg-type]
     try:

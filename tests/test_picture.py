@@ -155,7 +155,7 @@ def test_what_is_too_bright_is_scaled_until_the_share_may_clip(percent: float) -
 
 @pytest.mark.parametrize("percent", [2.0, 10.0])
 def test_what_is_too_dark_is_lifted_until_the_share_may_clip(percent: float) -> None:
-    """Black is lifted to o where the ambient light is 0.16. The rest 0.16 − o clips: at most half of the share of 0.16."""
+    """Black is lifted to o under ambient light of 0.16. The rest, 0.16 − o, clips: at most half of the share."""
     c = opened(diagonal_room(1.0, 0.16), even((0, 0, 0)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.16 * (1 - percent / 200), atol=1e-6)
 

@@ -132,7 +132,7 @@ class Windows:
         return np.asarray((inside_y + rows.start) * self.member.shape[1] + inside_x + columns.start, np.int64)
 
     def window(self, channel: WindowedChannel, corner: tuple[int, int], halo: int) -> IntArray:
-        """Return a block's window, ascending: its surroundings, and the surroundings of pixels that it touches elsewhere."""
+        """Return a block's window, ascending: the surroundings of the block and of pixels it touches elsewhere."""
         near = self.pixels(corner, halo)
         if not self.regions:
             return near
