@@ -174,7 +174,7 @@ class _Search:
         return T, replace(left, reason=reason)
 
     def _candidates(self) -> list[_Candidate]:
-        """Returns candidates of finer and finer grids, as long as these can be cheaper; the first one gives the drives."""
+        """Returns candidates of finer and finer grids, while these can be cheaper; the first gives the drives."""
         errors, found, cheapest = None, list[_Candidate](), self._most
         for cells in grids_over(self._rows.transport):
             model = fitted(self._rows, cells, PEAK)
