@@ -38,7 +38,7 @@ types: $(ready) ## types as a user's pyright sees them, in strict mode (300 MB)
 fuzz: system-test $(ready) ## campaigns of damage, kills and floods, minutes: FUZZ="kills --seed 7 --count 500"
 	$(python) -m tests.fuzz $(FUZZ)
 
-bench: $(ready) ## timings, beside scipy's on this machine
+bench: $(ready) ## timings, next to scipy's on this machine
 	$(python) -m tests.bench
 
 study: $(ready) ## what accuracy costs in time: study/report.html
