@@ -116,7 +116,7 @@ PROSE = (
         "docs/content.md",
         FLICKER,
         (
-            "0.3 removes a third of the noise for {} dB on moving film",
+            "0.3 removes two fifths of the noise for {} dB on moving film",
             lambda t: (t.one("off", "film: likewise (worst)") - t.one("0.3", "film: likewise (worst)"),),
         ),
     ),
