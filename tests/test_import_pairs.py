@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.files.picture_files import read_picture
 from counterlight.tools import build_correction_map
@@ -18,6 +19,7 @@ from counterlight.tools.pairs.geometry import regression
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import fit
 from counterlight.tools.pairs.photographs import read_photograph, read_photographs
+from counterlight.tools.pairs.processing import fit_processing
 from counterlight.tools.pairs.room import ambient_of, transport_of
 from counterlight.tools.transport.storage import read_transport
 from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
@@ -52,6 +54,18 @@ def test_the_response_is_found(fitted: Fitted) -> None:
     np.testing.assert_allclose(fitted.processing.light(codes), codes**GAMMA, atol=0.03)  # 17 levels, 16 pictures
 
 
+def test_colour_processing_is_found_without_the_offset_of_its_light(rng: np.random.Generator) -> None:
+    """Each primary gives less light next to bright other primaries. Captures suggest light below 0 at black."""
+
+    def light(codes: FloatArray) -> FloatArray:
+        return np.asarray(codes**GAMMA * (1.2 - 0.1 * np.roll(codes, -1, axis=1) - 0.1 * np.roll(codes, 1, axis=1)))
+
+    codes = rng.uniform(0, 1, (20_000, 3))
+    found = fit_processing(codes, light(codes) - 0.12, np.ones_like(codes))
+    np.testing.assert_allclose(found.light(np.array([[0.0] * 3, [1.0] * 3])), [[0] * 3, [1] * 3], atol=1e-6)
+    np.testing.assert_allclose(found.light(codes), light(codes), atol=0.03)  # 17 and 7 levels, and a smooth prior
+
+
 def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None:
     pictures = natural_pictures(np.random.default_rng(99), 4)
     true = np.stack([Wall(halo=0.1).light(each) for each in pictures])
@@ -61,6 +75,13 @@ def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None
     slope, offset, _ = regression(shown, true.astype(np.float32))
     assert error < 0.012  # of white; places, response and spread come from 16 noisy captures
     assert error < 1.2 * np.sqrt(np.mean((slope * shown + offset - true)[:, INNER[0], INNER[1]] ** 2))
+
+
+def test_light_next_to_the_picture_falls_with_the_picture(fitted: Fitted) -> None:
+    """The pairs have no black picture, so that only the halo tells how dark the wall is without light."""
+    black = np.zeros((1, *PROJECTOR, 3), np.uint8)
+    error = (fitted.predict(black)[0] - Wall(halo=0.1).light(black[0]))[~fitted.lit]
+    assert np.sqrt(np.mean(error**2)) < 0.003  # of white; 0.0016 here, and 0.008 without a free offset
 
 
 def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:

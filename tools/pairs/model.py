@@ -22,7 +22,7 @@ REACH = 2  # pixels from the middle of the window of h to its edge
 BLOCK = 12  # camera pixels per side of the blocks that wide blurs refer to
 HALO = 4.0, 12.0, 36.0, 96.0  # standard deviations of the blurs G_j in camera pixels
 CELLS = 48, 12, 1  # camera pixels per side of each level's cells
-SCALE, OFFSET = (0.3, 0.1, 0.1), (0.02, 0.01, 0.01)  # standard deviation of coefficients, per level
+SCALE, OFFSET = (0.3, 0.1, 0.1), (0.1, 0.005, 0.005)  # standard deviation per level: of s, and of e in radiance
 WINDOW = [(dy, dx) for dy in range(2 * REACH + 1) for dx in range(2 * REACH + 1) if (dy, dx) != (REACH, REACH)]
 BAND = 24  # rows of camera pixels at a time
 NEAR = 8, 8, 2  # squared distance of the farthest taps of a level
@@ -138,12 +138,13 @@ def features(shown: Pictures, halos: NDArray[np.floating], slope: NDArray[np.flo
     v = shown[..., k]
     padded = np.pad(v, ((0, 0), (REACH, REACH), (REACH, REACH)), mode="edge")
     result = np.empty((len(prior(0)), *v.shape), np.float32)
-    near: list[NDArray[np.floating]] = [np.ones_like(v[0]), v, v * v, shown[..., (k + 1) % 3], shown[..., (k + 2) % 3]]
+    near: list[NDArray[np.floating]] = [v, v * v, shown[..., (k + 1) % 3], shown[..., (k + 2) % 3]]
     for dy, dx in WINDOW:
         near.append(padded[:, dy : dy + height, dx : dx + width] - v)
-    for number, each in enumerate(near):
+    result[0] = 1
+    for number, each in enumerate(near, 1):
         np.multiply(each, slope[..., k], out=result[number])
-    result[len(near) :] = halos
+    result[1 + len(near) :] = halos
     return result
 
 

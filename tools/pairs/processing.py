@@ -58,10 +58,10 @@ def _between(table: FloatArray, count: int) -> FloatArray:
 
 
 def fit_processing(codes: FloatArray, light: FloatArray, weights: FloatArray) -> Processing:
-    """Fit φ.
+    """Fit φ, scaled to 0 at black and 1 at white.
 
     codes : (samples, 3).
-    light : (samples, 3). Light relative to white.
+    light : (samples, 3). Light relative to white, with any offset.
     weights : (samples, 3). Inverse variances.
     """
     tables = []
@@ -79,7 +79,9 @@ def fit_processing(codes: FloatArray, light: FloatArray, weights: FloatArray) ->
                 J += np.bincount(cells[a] * size + cells[b], weight * shares[a] * shares[b], size * size)
         J = J.reshape(size, size) + len(codes) / size * _prior()
         tables.append((usual + np.linalg.solve(J, h)).reshape(OWN, OTHER, OTHER))
-    return Processing(np.stack(tables))
+    table = np.stack(tables)
+    black, white = (table[:, [end], [end], [end]][..., None, None] for end in (0, -1))
+    return Processing((table - black) / (white - black))
 
 
 def level_shares(codes: NDArray[np.uint8], level: int) -> NDArray[np.floating]:

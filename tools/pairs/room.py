@@ -228,7 +228,7 @@ def ambient_of(fitted: Fitted) -> NDArray[np.floating]:
     """Return the light at black, (height, width, 3)."""
     model = fitted.model
     planes = [_coefficient(fitted, k, 0) for k in range(3)]
-    return np.asarray(np.maximum(model.offset + model.slope * np.stack(planes, axis=-1), 0), np.float32)
+    return np.asarray(np.maximum(model.offset + np.stack(planes, axis=-1), 0), np.float32)
 
 
 def _coefficient(fitted: Fitted, k: int, feature: int) -> NDArray[np.floating]:
