@@ -246,13 +246,13 @@ class _Shown:
 
 
 def watching_properties(session: Session, watching: Watching | None) -> dict[str, Property]:
-    def freeze(on: bool) -> None:
+    def there() -> Watching:
         if watching is None:
-            raise CommandError(f"watch-freeze: {ABSENT}")
-        watching.freeze(on)
+            raise CommandError(ABSENT)
+        return watching
 
     return {
-        "watch-freeze": named("watch-freeze", lambda: watching is not None and watching.frozen, freeze),
+        "watch-freeze": named("watch-freeze", lambda: there().frozen, lambda on: there().freeze(on)),
         "watch-state": Property(
             "state of --watch: state, reason, confidence, moved_px, gain, added_light (share of white), unsure_px, "
             "latency_s, captures, rejected; null without --watch",
