@@ -164,7 +164,7 @@ class Watching:
         try:
             found = self._found(answer)
             self._apply(answer, found)
-        except (InputError, OSError, ValueError) as error:
+        except (InputError, OSError, TypeError, ValueError) as error:
             self._watcher.refuse(f"its answer cannot be used ({error})")
             return
         self._answer, now_s = answer, self._session.clock()
@@ -217,12 +217,13 @@ class Watching:
             state, reason = "frozen", "by the user"
         elif self._covered:
             state, reason = "holding", "text covers the picture, or another view is shown"
+        unsure_px = [each.unsure_px for each in answer.projectors if each.unsure_px is not None]  # null: unknown
         self._session.stats.facts["watch"] = {
             "state": state,
             "reason": reason,
             "confidence": answer.confidence,
             **self._figures,
-            "unsure_px": max((each.unsure_px for each in answer.projectors), default=None),
+            "unsure_px": max(unsure_px, default=None),
             "latency_s": answer.latency_s,
             "captures": answer.captures,
             "rejected": answer.rejected,
@@ -262,6 +263,7 @@ def watching_properties(session: Session, watching: Watching | None) -> dict[str
             "rows for every 20 s of the last twelve hours: time in seconds since 1970, moved_px, gain, added_light, "
             "confidence; null without --watch",
             lambda: None if watching is None else watching.history(),
+            costly=True,
         ),
     }
 
