@@ -1,0 +1,180 @@
+"""Find the changes of the room from the evidence of the last seconds, and apply only what predicts other captures.
+
+Two of three captures are fitted, and every third is held back. A candidate θ replaces the applied θ only if it predicts
+the held-back captures better. Components whose return to the applied value does not harm are returned. Directions of θ
+that the captures do not determine keep their values (eigenvalues of the information matrix).
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.tools.watching.evidence import Compared, Evidence, Layout
+
+WINDOWS_S = 20.0, 10.0, 5.0, 2.5  # captures that are fitted; a shorter window is used after a change
+RECENT_S = 5.0  # held-back captures that choose the window
+HOLD_BACK = 3
+FEWEST = 4  # fitted captures of a window
+UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA = 0.1, 0.02, 0.004, 0.2  # largest deviation of what may change
+STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.03, 0.01, 0.001  # smaller changes are ignored
+INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
+WORTH = 4.0  # least improvement of the held-back captures, in units of ½ χ²
+NEW = 0.03  # change of the picture, RMS of drive, from which on a capture counts fully
+OLD = 0.1  # share that a capture of the same picture counts
+CAMERA_MOVED = 0.15  # blocks
+
+
+@dataclass(frozen=True)
+class Record:
+    """The evidence of a capture; `held` captures are not fitted."""
+
+    time_s: float
+    evidence: Evidence
+    held: bool
+
+
+@dataclass(frozen=True)
+class Found:
+    """A candidate for θ.
+
+    theta : (n,).
+    unsure : (n,). Standard deviation of each component.
+    known : share of the geometry's directions that the captures determine, per projector.
+    better : improvement of the held-back captures over the applied θ.
+    camera : whether a movement of the camera explains the held-back captures better.
+    """
+
+    theta: FloatArray
+    unsure: FloatArray
+    known: tuple[float, ...]
+    better: float
+    camera: bool
+
+
+class Estimate:
+    """Collects evidence; `theta` is the present estimate, around which captures are compared.
+
+    `applied` is the θ that the player was given.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.theta: FloatArray = np.zeros(layout.size)
+        self.applied: FloatArray = np.zeros(layout.size)
+        self._records: deque[Record] = deque()
+        self._count = 0
+        self._limits = _per_unknown(layout, UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA)
+        self.groups = self._groups()
+
+    def add(self, time_s: float, compared: Compared, change: float) -> None:
+        """Take a capture; `change` is the RMS change of its picture since the previous one."""
+        share = INFORMATION * float(np.clip(change / NEW, OLD, 1))
+        self._count += 1
+        held = self._count % HOLD_BACK == 0
+        self._records.append(Record(time_s, compared.evidence.scaled(share), held))
+        while self._records[0].time_s < time_s - WINDOWS_S[0]:
+            self._records.popleft()
+
+    def restart(self, theta: FloatArray) -> None:
+        """Forget all captures, and continue from θ after a jump."""
+        self.theta = theta
+        self._records.clear()
+
+    def find(self) -> Found | None:
+        """Return the best candidate; None without enough captures."""
+        if not self._records:
+            return None
+        now_s = self._records[-1].time_s
+        recent = self._sum([r for r in self._records if r.held and r.time_s > now_s - RECENT_S])
+        free = np.setdiff1d(np.arange(self.layout.size), self.layout.camera)
+        best: tuple[FloatArray, Evidence, list[Record]] | None = None
+        for window_s in WINDOWS_S:
+            records = [r for r in self._records if r.time_s > now_s - window_s]
+            fitted = [r for r in records if not r.held]
+            if len(fitted) < FEWEST:
+                break
+            evidence = self._sum(fitted)
+            theta = self._solved(evidence, free)
+            if best is None or recent.cost(best[0]) - recent.cost(theta) > WORTH:
+                best = theta, evidence, records
+        if best is None:
+            return None
+        theta, evidence, records = best
+        if len(records) < len(self._records):
+            self._records = deque(records)
+        held = self._sum([r for r in records if r.held])
+        if held.weight == 0:
+            return None
+        self.theta = theta
+        kept = self._simplest(theta, held)
+        unsure = np.sqrt(1 / np.maximum(np.diag(evidence.H), 1e-12))
+        known = tuple(self._known(evidence, places) for places in self._geometries())
+        better = held.cost(self.applied) - held.cost(kept)
+        return Found(kept, unsure, known, better, self._camera_moved(evidence, held))
+
+    def _groups(self) -> list[tuple[NDArray[np.int64], float]]:
+        """Return the components that change together, and the least change of each that is applied."""
+        projectors = range(self.layout.projectors)
+        return [
+            *((self.layout.geometry(number), STILL_PX) for number in projectors),
+            *((self.layout.gain(number), STILL_LIGHT) for number in projectors),
+            (self.layout.ambient, STILL_AMBIENT),
+        ]
+
+    def _geometries(self) -> list[NDArray[np.int64]]:
+        return [self.layout.geometry(number) for number in range(self.layout.projectors)]
+
+    def _simplest(self, theta: FloatArray, held: Evidence) -> FloatArray:
+        """Return θ with all components at their applied value whose change is small or does not improve."""
+        kept = theta.copy()
+        kept[self.layout.camera] = 0
+        for places, still in self.groups:
+            back = kept.copy()
+            back[places] = self.applied[places]
+            small = float(np.abs(kept - back).max()) < still
+            if small or held.cost(back) - held.cost(kept) < WORTH:
+                kept = back
+        return kept
+
+    def _solved(self, evidence: Evidence, free: NDArray[np.int64]) -> FloatArray:
+        """Minimise the cost over the determined directions of the free unknowns, from the applied θ."""
+        theta = self.applied.copy()
+        values, vectors = self._directions(evidence, free)
+        gradient = self._limits[free] * (evidence.b - evidence.H @ theta)[free]
+        told = values > 1
+        step = vectors[:, told] @ ((vectors[:, told].T @ gradient) / values[told])
+        theta[free] += self._limits[free] * step
+        return theta
+
+    def _directions(self, evidence: Evidence, free: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        limits = self._limits[free]
+        values, vectors = np.linalg.eigh(limits[:, None] * evidence.H[np.ix_(free, free)] * limits)
+        return values, vectors
+
+    def _known(self, evidence: Evidence, places: NDArray[np.int64]) -> float:
+        return float(np.mean(self._directions(evidence, places)[0] > 1))
+
+    def _camera_moved(self, evidence: Evidence, held: Evidence) -> bool:
+        light = np.concatenate([places for places, _ in self.groups[self.layout.projectors :]])
+        geometry, camera = (
+            self._solved(evidence, np.concatenate([some, light]))
+            for some in (self.layout.all_geometry, self.layout.camera)
+        )
+        far = float(np.abs(camera[self.layout.camera]).max())
+        return far > CAMERA_MOVED and held.cost(geometry) - held.cost(camera) > WORTH
+
+    def _sum(self, records: list[Record]) -> Evidence:
+        return reduce(add, (record.evidence for record in records), Evidence.none(self.layout.size))
+
+
+def _per_unknown(layout: Layout, px: float, light: float, ambient: float, camera: float) -> FloatArray:
+    values = np.full(layout.size, px)
+    for number in range(layout.projectors):
+        values[layout.gain(number)] = light
+    values[layout.ambient], values[layout.camera] = ambient, camera
+    return values

@@ -1,0 +1,293 @@
+"""What one capture says about the changes of the room: a quadratic cost of θ around the present estimate.
+
+θ holds, per projector, a homography in eight numbers and the light of each channel; a smooth field of ambient light;
+and a movement of the camera, which is never corrected, only told from a movement of the projector. The residual of a
+block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the near light of T.
+Weights fall to zero for large residuals (Geman and McClure 1987) and for connected regions of them: people, shadows,
+a hand.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.passes.moved import moved
+from counterlight.raster import Region
+from counterlight.tools.acquisition.plan import MAD_TO_SIGMA
+from counterlight.tools.acquisition.registration import homography, normal_positions
+from counterlight.tools.watching.timeline import Exposed
+from counterlight.tools.watching.view import RoomView
+
+GEOMETRY, CHANNELS, CAMERA = 8, 3, 3
+FIELD = 3, 4  # rows and columns of the ambient field
+MODEL, FLOOR = 0.02, 0.001  # errors of the model, shares of the predicted light and of white
+MISPLACED = 0.1  # error of T, in projector pixels along the gradient of the picture
+SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter of its weight
+OUTLIER = 4.0  # residual of a block that belongs to a foreign object
+REGION = 6  # blocks of a region that is rejected with its surroundings
+MOST_OUTLIERS = 0.5  # share of foreign blocks; above it, a capture says nothing
+FLAT = 0.02  # deviation of a picture that tells nothing about its place, share of the floodlight
+FAR = 0.1  # share of white; larger residuals count as equal in a search
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The places of the unknowns in θ.
+
+    Units: displacements of the picture's corners in projector pixels; light in shares of the calibrated light;
+    ambient light in shares of white; the camera's movement in blocks.
+    """
+
+    projectors: int
+
+    @property
+    def size(self) -> int:
+        return (GEOMETRY + CHANNELS) * self.projectors + CHANNELS * self.field + CAMERA
+
+    @property
+    def field(self) -> int:
+        return FIELD[0] * FIELD[1]
+
+    def geometry(self, projector: int) -> NDArray[np.int64]:
+        return np.arange(GEOMETRY) + GEOMETRY * projector
+
+    def gain(self, projector: int) -> NDArray[np.int64]:
+        return np.arange(CHANNELS) + GEOMETRY * self.projectors + CHANNELS * projector
+
+    @property
+    def ambient(self) -> NDArray[np.int64]:
+        """Channel by channel, (3 · field,)."""
+        return np.arange(CHANNELS * self.field) + (GEOMETRY + CHANNELS) * self.projectors
+
+    @property
+    def camera(self) -> NDArray[np.int64]:
+        return np.arange(self.size - CAMERA, self.size)
+
+    @property
+    def all_geometry(self) -> NDArray[np.int64]:
+        return np.arange(GEOMETRY * self.projectors)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """½ θᵀ H θ − bᵀ θ + c, with H (n, n) and b (n,), from one or more captures.
+
+    weight : blocks that count, in sum.
+    """
+
+    H: FloatArray
+    b: FloatArray
+    c: float
+    weight: float
+
+    def __add__(self, other: "Evidence") -> "Evidence":
+        return Evidence(self.H + other.H, self.b + other.b, self.c + other.c, self.weight + other.weight)
+
+    def scaled(self, factor: float) -> "Evidence":
+        return Evidence(factor * self.H, factor * self.b, factor * self.c, factor * self.weight)
+
+    @classmethod
+    def none(cls, size: int) -> "Evidence":
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
+
+    def cost(self, theta: FloatArray) -> float:
+        return float(0.5 * theta @ self.H @ theta - self.b @ theta + self.c)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A capture compared with its prediction.
+
+    scale : robust deviation of the residuals, in σ.
+    outliers : share of the counted blocks that belong to foreign objects.
+    gain : median of measured over predicted light, (3,); NaN if too few blocks are bright.
+    brightness : mean of the predicted light, share of white.
+    agreement : correlation of measured and predicted light relative to the floodlight; NaN for a flat picture.
+    """
+
+    evidence: Evidence
+    scale: float
+    outliers: float
+    gain: FloatArray
+    brightness: float
+    agreement: float
+
+
+class Comparison:
+    """Compares captures with their predictions.
+
+    counted : the blocks in use.
+    """
+
+    def __init__(self, view: RoomView) -> None:
+        self._view, self.layout = view, Layout(len(view.boxes))
+        self._used = np.flatnonzero(view.counted)
+        self._hats = _hats(view.shape, FIELD)
+        self._lit = (view.texture * view.white)[:, None, :] * self._hats[:, :, None]  # (blocks, field, channels)
+        self._halves = [max(box.height, box.width) / 2 for box in view.boxes]
+        self._places = [normal_positions((box.height, box.width)) for box in view.boxes]
+
+    def landed(self, picture: FloatArray, theta: FloatArray, *, gains: bool = True) -> FloatArray:
+        """Return W(θ) p, the light of a shown reduced picture at the calibrated places."""
+        view, result = self._view, np.zeros(picture.shape, np.float32)
+        drive = np.ascontiguousarray(picture, np.float32)
+        for number, box in enumerate(view.boxes):
+            M = self._homography(number, theta)
+            moved(drive, M, np.ones(3), box.left, box.top, box.width, box.height, result)
+            if gains:
+                result[box.part] *= (1 + theta[self.layout.gain(number)]).astype(np.float32)
+        return result.astype(np.float64)
+
+    def ambient(self, theta: FloatArray) -> FloatArray:
+        """Return e(θ), (blocks, 3)."""
+        field = theta[self.layout.ambient].reshape(CHANNELS, self.layout.field)
+        return self._view.ambient + np.einsum("bfk,kf->bk", self._lit, field)
+
+    def predicted(self, picture: FloatArray, theta: FloatArray) -> FloatArray:
+        """Return the blocks' light under a shown picture, (blocks, 3)."""
+        return self._view.seen(self.landed(picture, theta)) + self.ambient(theta)
+
+    def compare(
+        self, exposed: Exposed, measured: FloatArray, theta: FloatArray, unclipped: BoolArray, noise: float
+    ) -> Compared:
+        """Compare a capture with its prediction at θ.
+
+        measured : (blocks, 3), in screen primaries.
+        unclipped : (blocks,) bool. Blocks without saturated pixels.
+        noise : standard deviation of a block's mean, radiance.
+        """
+        view, used = self._view, self._used
+        landed = self.landed(exposed.picture, theta)
+        light, ambient = view.seen(landed), self.ambient(theta)
+        predicted = light + ambient
+        lights = [light] if len(view.boxes) == 1 else [view.seen(self._only(landed, box)) for box in view.boxes]
+        late = view.seen(exposed.change) if exposed.change.any() else np.zeros_like(light)
+        slopes = self._slopes(landed)
+        moves = [self._derivatives(slopes, number) for number in range(len(view.boxes))]
+        # (projectors, channels, blocks, 8)
+        steep = sum(np.sqrt(np.sum(each[..., :2] ** 2, axis=-1)).T for each in moves)
+        sigma = np.sqrt(
+            (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2 + late**2
+        )[used]
+        residual = ((measured - predicted)[used]) / sigma
+        scale, weights, outliers = self._weights(residual, unclipped[used])
+        H, b = np.zeros((self.layout.size,) * 2), np.zeros(self.layout.size)
+        camera = self._camera(predicted)
+        for channel in range(CHANNELS):
+            places, columns = self._columns(channel, moves, lights, theta, camera)
+            J = columns[used] / sigma[:, channel, None]
+            weighted = weights[:, None] * J
+            H[np.ix_(places, places)] += weighted.T @ J
+            b[places] += weighted.T @ residual[:, channel]
+        c = 0.5 * float(np.sum(weights[:, None] * residual**2))
+        start = theta.copy()
+        c = c + b @ start + 0.5 * float(start @ H @ start)
+        found = Evidence(H, b + H @ start, float(c), float(weights.sum())).scaled(1 / scale**2)
+        bright = (light[used] > 0.05 * view.white).all(axis=1) & (weights > 0)
+        gain = np.full(3, np.nan)
+        if bright.sum() >= 20:
+            gain = np.median((measured - ambient)[used][bright] / light[used][bright], axis=0)
+        shares = [np.mean(each[used] / (view.flood + view.ambient)[used], axis=1) for each in (measured, predicted)]
+        agreement = float(np.corrcoef(*shares)[0, 1]) if shares[1].std() > FLAT else np.nan
+        return Compared(found, scale, outliers, gain, float(light[used].mean() / view.white), agreement)
+
+    def misfit(self, exposed: Exposed, measured: FloatArray, theta: FloatArray) -> float:
+        """Return a robust mean of the residuals, for comparing distant θ: each counts at most as much as an outlier."""
+        view, used = self._view, self._used
+        residual = (measured - self.predicted(exposed.picture, theta))[used] / (FAR * view.white)
+        return float(np.mean(np.minimum(residual**2, 1)))
+
+    def _weights(self, residual: FloatArray, unclipped: BoolArray) -> tuple[float, FloatArray, float]:
+        """Return the robust scale, the weight of each used block, and the share of foreign blocks."""
+        size = np.sqrt(np.mean(residual**2, axis=1))
+        told = size[unclipped]
+        scale = max(float(MAD_TO_SIGMA * np.median(np.abs(residual[unclipped]))), 0.1) if told.size else 1.0
+        weights = unclipped / (1 + (size / (SCALE * scale)) ** 2) ** 2
+        foreign = np.zeros(self._view.blocks.count, np.bool_)
+        foreign[self._used] = size > OUTLIER * scale
+        grid = foreign.reshape(self._view.shape)
+        labels, count = ndimage.label(grid, np.ones((3, 3)))
+        sizes = np.bincount(labels.ravel(), minlength=count + 1)
+        large = (sizes >= REGION)[labels] & grid
+        around = ndimage.binary_dilation(large, np.ones((3, 3)), iterations=2).ravel()[self._used]
+        weights = np.where(around, 0, weights)
+        return scale, np.asarray(weights), float(around.mean())
+
+    def _slopes(self, landed: FloatArray) -> list[FloatArray]:
+        """Return the gradient of each projector's picture, (height, width, 2, 3), right and down, per reduced pixel."""
+        found = []
+        for box in self._view.boxes:
+            down, right = np.gradient(landed[box.part], axis=(0, 1))
+            found.append(np.stack([right, down], axis=2))
+        return found
+
+    def _derivatives(self, slopes: list[FloatArray], number: int) -> FloatArray:
+        """Return the derivative of the blocks by one projector's homography, (channels, blocks, 8).
+
+        The unit of each number moves a corner by a projector pixel.
+        """
+        view, box, u = self._view, self._view.boxes[number], self._places[number]
+        found = np.empty((CHANNELS, view.blocks.count, GEOMETRY))
+        whole = np.zeros((view.raster[0] * view.raster[1], GEOMETRY))
+        index = np.arange(view.raster[0] * view.raster[1]).reshape(view.raster)[box.part].ravel()
+        for channel in range(CHANNELS):
+            right, down = slopes[number][..., channel].reshape(-1, 2).T / view.factor
+            along = right * u[:, 0] + down * u[:, 1]
+            whole[index] = np.stack(
+                [right, down, right * u[:, 0], right * u[:, 1], down * u[:, 0], down * u[:, 1]]
+                + [-along * u[:, 0], -along * u[:, 1]],
+                axis=1,
+            )
+            found[channel] = view.near(whole, channel)
+        return found
+
+    def _columns(
+        self, channel: int, moves: list[FloatArray], lights: list[FloatArray], theta: FloatArray, camera: FloatArray
+    ) -> tuple[NDArray[np.int64], FloatArray]:
+        """Return the unknowns that one channel depends on, and the derivative of its blocks by them, (blocks, n)."""
+        layout = self.layout
+        places, columns = [], []
+        for number, (each, light) in enumerate(zip(moves, lights, strict=True)):
+            gain = layout.gain(number)[channel]
+            places += [layout.geometry(number), np.array([gain])]
+            columns += [each[channel], (light[:, channel] / (1 + theta[gain]))[:, None]]
+        field = layout.ambient.reshape(CHANNELS, layout.field)[channel]
+        places += [field, layout.camera]
+        columns += [self._lit[:, :, channel], camera[channel]]
+        return np.concatenate(places), np.concatenate(columns, axis=1)
+
+    def _only(self, landed: FloatArray, box: Region) -> FloatArray:
+        """Return a reduced picture with all but one projector black."""
+        alone = np.zeros_like(landed)
+        alone[box.part] = landed[box.part]
+        return alone
+
+    def _camera(self, predicted: FloatArray) -> FloatArray:
+        """Return the derivative by a shift and a turn of the camera, (channels, blocks, 3)."""
+        rows, columns = self._view.shape
+        picture = predicted.reshape(rows, columns, CHANNELS)
+        down, right = np.gradient(picture, axis=(0, 1))
+        y, x = (np.mgrid[:rows, :columns] + 0.5 - np.array([rows, columns])[:, None, None] / 2) / max(rows, columns) * 2
+        turn = down * x[..., None] - right * y[..., None]
+        return np.stack([right, down, turn], axis=-1).transpose(2, 0, 1, 3).reshape(CHANNELS, -1, CAMERA)
+
+    def _homography(self, number: int, theta: FloatArray) -> FloatArray:
+        """Return M for positions in reduced pixels from the corner of the projector's picture."""
+        box = self._view.boxes[number]
+        unit = self._view.factor * self._halves[number]
+        return homography(theta[self.layout.geometry(number)] / unit, (box.height, box.width))
+
+
+def _hats(shape: tuple[int, int], field: tuple[int, int]) -> FloatArray:
+    """Return the weights of the cells of a field that is interpolated between the middles of its cells.
+
+    (blocks, cells).
+    """
+    axes = []
+    for size, cells in zip(shape, field, strict=True):
+        at = np.clip((np.arange(size) + 0.5) * cells / size - 0.5, 0, cells - 1)
+        axes.append(np.maximum(0, 1 - np.abs(at[:, None] - np.arange(cells))))
+    return np.einsum("ri,cj->rcij", *axes).reshape(shape[0] * shape[1], -1)
