@@ -131,9 +131,13 @@ class Watching:
 
     def _begin(self) -> None:
         self._answer, self._figures, self._paint = Answer("starting"), {}, None
-        if self._shown is not None:  # the new watcher has not seen the present frame
+        self._watcher.begin(self._start)
+
+    def _send_again(self) -> None:
+        """Send what a watcher that has just started does not know."""
+        self._watcher.send(self._situation)
+        if self._shown is not None:
             self._shown.lit = self._shown.pictured = False
-        self._watcher.begin(self._start, self._situation)
 
     def _follow_renderer(self) -> None:
         """Start again after a reload, because the room may have been calibrated again."""
@@ -167,6 +171,8 @@ class Watching:
         except (InputError, OSError, TypeError, ValueError) as error:
             self._watcher.refuse(f"its answer cannot be used ({error})")
             return
+        if self._answer.state == "starting" != answer.state:
+            self._send_again()
         self._answer, now_s = answer, self._session.clock()
         if answer.state in FAULTS and now_s - self._told.get(answer.state, float("-inf")) >= AGAIN_S:
             self._told[answer.state] = now_s
