@@ -236,11 +236,8 @@ class Comparison:
         for channel in range(CHANNELS):
             right, down = slopes[number][..., channel].reshape(-1, 2).T / view.factor
             along = right * u[:, 0] + down * u[:, 1]
-            whole[index] = np.stack(
-                [right, down, right * u[:, 0], right * u[:, 1], down * u[:, 0], down * u[:, 1]]
-                + [-along * u[:, 0], -along * u[:, 1]],
-                axis=1,
-            )
+            shift, stretch = [right, down], [slope * u[:, i] for slope in (right, down) for i in range(2)]
+            whole[index] = np.stack([*shift, *stretch, -along * u[:, 0], -along * u[:, 1]], axis=1)
             found[channel] = view.near(whole, channel)
         return found
 

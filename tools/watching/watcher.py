@@ -20,6 +20,7 @@ from counterlight.tools.watching.view import RoomView, regional
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation
 
 LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
+OFTEN_S, RARE_S = 0.2, 0.35  # least time between compared captures; longest time without a capture
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
 CHANGED = 0.02  # RMS change of the light of a film that changes
@@ -48,13 +49,14 @@ class Watcher:
     """Watches one room.
 
     exposure_s : exposure of the captures; None if unknown.
+    follows : whether a capture arrives at the end of its exposure.
     """
 
-    def __init__(self, view: RoomView, exposure_s: float | None, refresh_s: float) -> None:
+    def __init__(self, view: RoomView, exposure_s: float | None, refresh_s: float, *, follows: bool = False) -> None:
         self._view, self._comparison = view, Comparison(view)
         self._estimate = Estimate(self._comparison.layout)
         coarse, self._region = view.coarse
-        self._timeline = Timeline(coarse, exposure_s, refresh_s)
+        self._timeline = Timeline(coarse, exposure_s, refresh_s, follows=follows)
         self._situation = Situation()
         self._taken: deque[_Taken] = deque(maxlen=30)
         self._last: tuple[float, FloatArray, NDArray[np.float32] | None] | None = None
@@ -63,7 +65,7 @@ class Watcher:
         self._rejected: Counter[str] = Counter()
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
-        self._frame_s, self._capture_s = -np.inf, -np.inf
+        self._frame_s = self._capture_s = self._compared_s = -np.inf
         self._jumped = False
 
     def light(self, light: Light) -> None:
@@ -76,9 +78,11 @@ class Watcher:
     def situation(self, situation: Situation) -> None:
         self._situation = situation
 
-    def tells(self, time_s: float) -> bool:
-        """Whether the frames that a capture at `time_s` saw are known."""
-        return self._timeline.seen(self._timeline.window(time_s)) is not None
+    def wants(self, time_s: float) -> bool:
+        """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
+        if time_s - self._capture_s > RARE_S:
+            return True
+        return time_s - self._compared_s > OFTEN_S and self._timeline.knows(self._timeline.window(time_s))
 
     def capture(self, time_s: float, radiance: NDArray[np.float32], saturated: BoolArray) -> None:
         """Take a capture that arrived at `time_s`.
@@ -135,6 +139,7 @@ class Watcher:
             if self._jump(taken):
                 compared = self._comparison.compare(exposed, measured, self._estimate.theta, ~clipped, 0.0)
                 taken = _Taken(time_s, exposed, measured, compared)
+        self._compared_s = time_s
         previous = self._taken[-1].exposed.picture if self._taken else None
         self._taken.append(taken)
         self._captures += 1
@@ -223,12 +228,8 @@ class Watcher:
         told = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain).all()]
         if len(told) < EXPOSURES:
             return False
-        gain, light = (
-            np.log([value for value in values])
-            for values in zip(
-                *((max(float(each.gain.mean()), 1e-3), max(each.brightness, 1e-3)) for each in told), strict=True
-            )
-        )
+        gain = np.log([max(float(each.gain.mean()), 1e-3) for each in told])
+        light = np.log([max(each.brightness, 1e-3) for each in told])
         if gain.std() < AUTOMATIC[1] or light.std() < AUTOMATIC[1]:
             return False
         return float(np.corrcoef(gain, light)[0, 1]) < -AUTOMATIC[0]
