@@ -17,9 +17,8 @@ from counterlight.arrays import FloatArray
 from counterlight.tools.watching.evidence import Compared, Evidence, Layout
 
 WINDOWS_S = 20.0, 10.0, 5.0, 2.5  # captures that are fitted; a shorter window is used after a change
-RECENT_S = 5.0  # held-back captures that choose the window
 HOLD_BACK = 3
-FEWEST = 4  # fitted captures of a window
+FEWEST = 2  # fitted captures of a window
 UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA = 0.1, 0.02, 0.004, 0.2  # largest deviation of what may change
 STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.03, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
@@ -90,17 +89,15 @@ class Estimate:
         if not self._records:
             return None
         now_s = self._records[-1].time_s
-        recent = self._sum([r for r in self._records if r.held and r.time_s > now_s - RECENT_S])
         free = np.setdiff1d(np.arange(self.layout.size), self.layout.camera)
         best: tuple[FloatArray, Evidence, list[Record]] | None = None
         for window_s in WINDOWS_S:
             records = [r for r in self._records if r.time_s > now_s - window_s]
-            fitted = [r for r in records if not r.held]
-            if len(fitted) < FEWEST:
+            evidence, held = (self._sum([r for r in records if r.held is each]) for each in (False, True))
+            if sum(not r.held for r in records) < FEWEST or not held.weight:
                 break
-            evidence = self._sum(fitted)
             theta = self._solved(evidence, free)
-            if best is None or recent.cost(best[0]) - recent.cost(theta) > WORTH:
+            if best is None or held.cost(best[0]) - held.cost(theta) > WORTH:
                 best = theta, evidence, records
         if best is None:
             return None
@@ -108,8 +105,6 @@ class Estimate:
         if len(records) < len(self._records):
             self._records = deque(records)
         held = self._sum([r for r in records if r.held])
-        if held.weight == 0:
-            return None
         self.theta = theta
         kept = self._simplest(theta, held)
         unsure = np.sqrt(1 / np.maximum(np.diag(evidence.H), 1e-12))

@@ -103,7 +103,7 @@ class Compared:
 
     scale : robust deviation of the residuals, in σ.
     outliers : share of the counted blocks that belong to foreign objects.
-    gain : median of measured over predicted light, (3,); NaN if too few blocks are bright.
+    gain : slope of measured over predicted light; NaN for a flat picture. Ambient light does not change it.
     brightness : mean of the predicted light, share of white.
     agreement : correlation of measured and predicted light relative to the floodlight; NaN for a flat picture.
     """
@@ -111,7 +111,7 @@ class Compared:
     evidence: Evidence
     scale: float
     outliers: float
-    gain: FloatArray
+    gain: float
     brightness: float
     agreement: float
 
@@ -186,10 +186,7 @@ class Comparison:
         start = theta.copy()
         c = c + b @ start + 0.5 * float(start @ H @ start)
         found = Evidence(H, b + H @ start, float(c), float(weights.sum())).scaled(1 / scale**2)
-        bright = (light[used] > 0.05 * view.white).all(axis=1) & (weights > 0)
-        gain = np.full(3, np.nan)
-        if bright.sum() >= 20:
-            gain = np.median((measured - ambient)[used][bright] / light[used][bright], axis=0)
+        gain = _slope(light[used], (measured - ambient)[used], weights)
         shares = [np.mean(each[used] / (view.flood + view.ambient)[used], axis=1) for each in (measured, predicted)]
         agreement = float(np.corrcoef(*shares)[0, 1]) if shares[1].std() > FLAT else np.nan
         return Compared(found, scale, outliers, gain, float(light[used].mean() / view.white), agreement)
@@ -276,6 +273,14 @@ class Comparison:
         box = self._view.boxes[number]
         unit = self._view.factor * self._halves[number]
         return homography(theta[self.layout.geometry(number)] / unit, (box.height, box.width))
+
+
+def _slope(predicted: FloatArray, measured: FloatArray, weights: FloatArray) -> float:
+    """Return the slope of the regression of measured on predicted light, (blocks, channels); NaN for a flat picture."""
+    share = weights / max(float(weights.sum()), 1e-9)
+    x, y = (each - share @ each for each in (predicted, measured))
+    spread = float(np.sum(share @ x**2))
+    return float(np.sum(share @ (x * y))) / spread if spread > (FLAT * predicted.mean()) ** 2 > 0 else np.nan
 
 
 def _hats(shape: tuple[int, int], field: tuple[int, int]) -> FloatArray:

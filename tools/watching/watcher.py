@@ -20,7 +20,8 @@ from counterlight.tools.watching.view import RoomView, regional
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation
 
 LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
-OFTEN_S, RARE_S = 0.2, 0.35  # least time between compared captures; longest time without a capture
+OFTEN_S = 0.1  # least time between compared captures
+RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
 CHANGED = 0.02  # RMS change of the light of a film that changes
@@ -28,7 +29,7 @@ SILENT_S = 3.0  # without captures
 STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the prediction
 EXPOSURES = 12  # captures that tell an automatic exposure
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
-GAIN, FARTHEST = (0.5, 1.15), 0.02  # limits of corrections: light, and corners as a share of the longer side
+GAIN, FARTHEST, FARTHEST_PX = (0.5, 1.15), 0.02, 4.0  # limits: light, corners as a share of the longer side, or pixels
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
 JUMP_PX = 1.0  # larger changes are applied at once
 SEARCH_EVERY_S, MISFITTING, SEARCHED = 1.0, 0.15, (2.0, 1.0, 0.5)  # of a jump: share of outliers, steps in pixels
@@ -80,7 +81,7 @@ class Watcher:
 
     def wants(self, time_s: float) -> bool:
         """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
-        if time_s - self._capture_s > RARE_S:
+        if time_s - self._capture_s > (RARE_S if self._timeline.latency.known else LOOKING_S):
             return True
         return time_s - self._compared_s > OFTEN_S and self._timeline.knows(self._timeline.window(time_s))
 
@@ -225,10 +226,10 @@ class Watcher:
 
     def _automatic(self) -> bool:
         """Whether the gain of the captures follows the brightness of the film."""
-        told = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain).all()]
+        told = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain)]
         if len(told) < EXPOSURES:
             return False
-        gain = np.log([max(float(each.gain.mean()), 1e-3) for each in told])
+        gain = np.log([max(each.gain, 1e-3) for each in told])
         light = np.log([max(each.brightness, 1e-3) for each in told])
         if gain.std() < AUTOMATIC[1] or light.std() < AUTOMATIC[1]:
             return False
@@ -238,7 +239,7 @@ class Watcher:
         for number, device in enumerate(self._view.room.projectors):
             name = "the projector" if len(self._view.boxes) == 1 else f"projector {number + 1}"
             far = float(np.hypot(*self._moved(theta, number).at_corners(device).T).max())
-            if far > FARTHEST * max(device.shape):
+            if far > max(FARTHEST * max(device.shape), FARTHEST_PX):
                 return f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
             gain = 1 + theta[self._comparison.layout.gain(number)]
             if not (GAIN[0] <= gain.min() and gain.max() <= GAIN[1]):
