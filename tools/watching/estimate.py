@@ -19,13 +19,13 @@ from counterlight.tools.watching.evidence import Compared, Evidence, Layout
 WINDOWS_S = 20.0, 10.0, 5.0, 2.5  # captures that are fitted; a shorter window is used after a change
 HOLD_BACK = 3
 FEWEST = 2  # fitted captures of a window
-UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA = 0.1, 0.02, 0.004, 0.2  # largest deviation of what may change
-STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.03, 0.01, 0.001  # smaller changes are ignored
+UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA = 0.1, 0.02, 0.004, 0.1  # largest deviation of what may change
+STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.02, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
 WORTH = 4.0  # least improvement of the held-back captures, in units of ½ χ²
 NEW = 0.03  # change of the picture, RMS of drive, from which on a capture counts fully
 OLD = 0.1  # share that a capture of the same picture counts
-CAMERA_MOVED = 0.15  # blocks
+CAMERA_MOVED = 0.1  # camera pixels
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ GEOMETRY, CHANNELS, CAMERA = 8, 3, 3
 FIELD = 3, 4  # rows and columns of the ambient field
 MODEL, FLOOR = 0.02, 0.001  # errors of the model, shares of the predicted light and of white
 MISPLACED = 0.1  # error of T, in projector pixels along the gradient of the picture
+HUBER, ROUNDS = 1.5, 4  # robust deviations from which on a residual counts less; rounds of a weighted fit
 SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter of its weight
 OUTLIER = 4.0  # residual of a block that belongs to a foreign object
 REGION = 6  # blocks of a region that is rejected with its surroundings
@@ -38,7 +39,7 @@ class Layout:
     """The places of the unknowns in θ.
 
     Units: displacements of the picture's corners in projector pixels; light in shares of the calibrated light;
-    ambient light in shares of white; the camera's movement in blocks.
+    ambient light in shares of white; the camera's movement in its pixels.
     """
 
     projectors: int
@@ -56,6 +57,10 @@ class Layout:
 
     def gain(self, projector: int) -> NDArray[np.int64]:
         return np.arange(CHANNELS) + GEOMETRY * self.projectors + CHANNELS * projector
+
+    @property
+    def all_gains(self) -> NDArray[np.int64]:
+        return np.arange(CHANNELS * self.projectors) + GEOMETRY * self.projectors
 
     @property
     def ambient(self) -> NDArray[np.int64]:
@@ -173,14 +178,15 @@ class Comparison:
             (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2 + late**2
         )[used]
         residual = ((measured - predicted)[used]) / sigma
-        scale, weights, outliers = self._weights(residual, unclipped[used])
-        H, b = np.zeros((self.layout.size,) * 2), np.zeros(self.layout.size)
         camera = self._camera(predicted)
-        for channel in range(CHANNELS):
-            places, columns = self._columns(channel, moves, lights, theta, camera)
-            J = columns[used] / sigma[:, channel, None]
-            weighted = weights[:, None] * J
-            H[np.ix_(places, places)] += weighted.T @ J
+        columns = [self._columns(channel, moves, lights, theta, camera) for channel in range(CHANNELS)]
+        J = [each[used] / sigma[:, channel, None] for channel, (_, each) in enumerate(columns)]
+        unexplained = self._unexplained(residual, J, [places for places, _ in columns], unclipped[used])
+        scale, weights, outliers = self._weights(unexplained, unclipped[used])
+        H, b = np.zeros((self.layout.size,) * 2), np.zeros(self.layout.size)
+        for channel, (places, _) in enumerate(columns):
+            weighted = weights[:, None] * J[channel]
+            H[np.ix_(places, places)] += weighted.T @ J[channel]
             b[places] += weighted.T @ residual[:, channel]
         c = 0.5 * float(np.sum(weights[:, None] * residual**2))
         start = theta.copy()
@@ -196,6 +202,32 @@ class Comparison:
         view, used = self._view, self._used
         residual = (measured - self.predicted(exposed.picture, theta))[used] / (FAR * view.white)
         return float(np.mean(np.minimum(residual**2, 1)))
+
+    def _unexplained(
+        self, residual: FloatArray, J: list[FloatArray], places: list[NDArray[np.int64]], told: BoolArray
+    ) -> FloatArray:
+        """Return the residuals that no movement, lamp or even ambient light explains, (used blocks, channels).
+
+        Otherwise every change of the whole room would look like a foreign object.
+        """
+        layout = self.layout
+        even = np.zeros((layout.size, layout.size))
+        kept = np.concatenate([layout.all_geometry, layout.all_gains])
+        even[kept, kept] = 1
+        for cells in layout.ambient.reshape(CHANNELS, layout.field):
+            even[cells, cells[0]] = 1
+        even = even[:, even.any(axis=0)]
+        Z = [each @ even[where] for each, where in zip(J, places, strict=True)]
+        left = residual
+        for _ in range(ROUNDS):
+            scale = max(float(MAD_TO_SIGMA * np.median(np.abs(left[told]))), 0.1) if told.any() else 1.0
+            weights = told[:, None] / np.maximum(np.abs(left) / (HUBER * scale), 1)
+            weighted = [weights[:, k, None] * each for k, each in enumerate(Z)]
+            H = sum(each.T @ z for each, z in zip(weighted, Z, strict=True))
+            b = sum(each.T @ residual[:, k] for k, each in enumerate(weighted))
+            step = np.linalg.lstsq(H, b, rcond=1e-8)[0]
+            left = residual - np.stack([z @ step for z in Z], axis=1)
+        return left
 
     def _weights(self, residual: FloatArray, unclipped: BoolArray) -> tuple[float, FloatArray, float]:
         """Return the robust scale, the weight of each used block, and the share of foreign blocks."""
@@ -260,13 +292,21 @@ class Comparison:
         return alone
 
     def _camera(self, predicted: FloatArray) -> FloatArray:
-        """Return the derivative by a shift and a turn of the camera, (channels, blocks, 3)."""
-        rows, columns = self._view.shape
-        picture = predicted.reshape(rows, columns, CHANNELS)
-        down, right = np.gradient(picture, axis=(0, 1))
+        """Return the derivative by a shift and a turn of the camera, (channels, blocks, 3), per camera pixel.
+
+        The light is (F + e) I, with the floodlit room F, whose texture moves, and the smooth rest I.
+        """
+        view, (rows, columns) = self._view, self._view.shape
+        floodlit = view.flood + view.ambient
+        share = np.where(floodlit > 0, predicted / np.maximum(floodlit, 1e-12), 0)
+        smooth = np.gradient(share.reshape(rows, columns, CHANNELS), axis=(1, 0))
+        right, down = (
+            share * slope + floodlit * change.reshape(-1, CHANNELS) / view.blocks.side
+            for slope, change in zip(view.slopes, smooth, strict=True)
+        )
         y, x = (np.mgrid[:rows, :columns] + 0.5 - np.array([rows, columns])[:, None, None] / 2) / max(rows, columns) * 2
-        turn = down * x[..., None] - right * y[..., None]
-        return np.stack([right, down, turn], axis=-1).transpose(2, 0, 1, 3).reshape(CHANNELS, -1, CAMERA)
+        turn = down * x.reshape(-1, 1) - right * y.reshape(-1, 1)
+        return np.stack([right, down, turn], axis=-1).transpose(1, 0, 2)
 
     def _homography(self, number: int, theta: FloatArray) -> FloatArray:
         """Return M for positions in reduced pixels from the corner of the projector's picture."""

@@ -74,6 +74,7 @@ class RoomView:
     transport : B T R, (blocks, reduced pixels).
     ambient, flood, white : B e (blocks, 3), B T 1 (blocks, 3), and the radiance of white.
     paint : (camera height, camera width, 3) float16. Texture that the light of the room takes on.
+    slopes : (blocks, 3) each. Gradient of the floodlit room, right and down, per camera pixel.
     boxes : region of each projector in the reduced picture.
 
     Raises InputError if too few blocks see the projectors.
@@ -98,7 +99,10 @@ class RoomView:
                 [self.blocks.means(np.ascontiguousarray(B_pixel[..., i : i + 3])) for i in (0, 3, 6)], axis=1
             ).reshape(-1, 3, 3)
         self.flood = self.seen(np.ones((*self.raster, 3)))
-        self.paint = _paint(np.asarray(tier.mixing.seen(flood) + tier.ambient), room)
+        floodlit = np.asarray(tier.mixing.seen(flood) + tier.ambient)
+        self.paint = _paint(floodlit, room)
+        down, right = np.gradient(floodlit, axis=(0, 1))
+        self.slopes = [self.blocks.means(each.astype(np.float32)).astype(np.float64) for each in (right, down)]
         self.texture = self.blocks.means(self.paint.astype(np.float32)).astype(np.float64)
         self.counted = self._counted(room)
         if self.counted.sum() < FEWEST_BLOCKS:

@@ -20,7 +20,7 @@ from counterlight.tools.watching.view import RoomView, regional
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation
 
 LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
-OFTEN_S = 0.1  # least time between compared captures
+OFTEN_S, SAME_S = 0.1, 1.0  # least time between compared captures, and between captures of one picture
 RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
@@ -32,7 +32,8 @@ AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least dev
 GAIN, FARTHEST, FARTHEST_PX = (0.5, 1.15), 0.02, 4.0  # limits: light, corners as a share of the longer side, or pixels
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
 JUMP_PX = 1.0  # larger changes are applied at once
-SEARCH_EVERY_S, MISFITTING, SEARCHED = 1.0, 0.15, (2.0, 1.0, 0.5)  # of a jump: share of outliers, steps in pixels
+MISFITTING, SEARCHED = 0.05, (2.0, 1.0, 0.5)  # share of outliers that starts the search of a jump; steps in pixels
+SEARCH_S = 1.0, 30.0  # between two searches; doubles after each search in vain
 MUCH_BETTER = 0.7  # factor by which a jump must reduce the misfit
 
 
@@ -62,12 +63,13 @@ class Watcher:
         self._taken: deque[_Taken] = deque(maxlen=30)
         self._last: tuple[float, FloatArray, NDArray[np.float32] | None] | None = None
         self._light: NDArray[np.float32] | None = None
+        self._compared_light: NDArray[np.float32] | None = None
         self._same = self._captures = 0
         self._rejected: Counter[str] = Counter()
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
         self._frame_s = self._capture_s = self._compared_s = -np.inf
-        self._jumped = False
+        self._jumped, self._rest_s = False, SEARCH_S[0]
 
     def light(self, light: Light) -> None:
         self._timeline.light(light)
@@ -83,7 +85,8 @@ class Watcher:
         """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
         if time_s - self._capture_s > (RARE_S if self._timeline.latency.known else LOOKING_S):
             return True
-        return time_s - self._compared_s > OFTEN_S and self._timeline.knows(self._timeline.window(time_s))
+        pause_s = SAME_S if self._light is self._compared_light else OFTEN_S
+        return time_s - self._compared_s > pause_s and self._timeline.knows(self._timeline.window(time_s))
 
     def capture(self, time_s: float, radiance: NDArray[np.float32], saturated: BoolArray) -> None:
         """Take a capture that arrived at `time_s`.
@@ -135,12 +138,14 @@ class Watcher:
         clipped = self._view.blocks.means(np.repeat(saturated[..., None], 3, axis=2).astype(np.float32))[:, 0] > 0
         compared = self._comparison.compare(exposed, measured, self._estimate.theta, ~clipped, 0.0)
         taken = _Taken(time_s, exposed, measured, compared)
-        if compared.outliers > MISFITTING and time_s - self._searched_s > SEARCH_EVERY_S:
-            self._searched_s = time_s
+        if compared.outliers < MISFITTING:
+            self._rest_s = SEARCH_S[0]
+        elif time_s - self._searched_s > self._rest_s:
+            self._searched_s, self._rest_s = time_s, min(2 * self._rest_s, SEARCH_S[1])
             if self._jump(taken):
                 compared = self._comparison.compare(exposed, measured, self._estimate.theta, ~clipped, 0.0)
                 taken = _Taken(time_s, exposed, measured, compared)
-        self._compared_s = time_s
+        self._compared_s, self._compared_light = time_s, self._light
         previous = self._taken[-1].exposed.picture if self._taken else None
         self._taken.append(taken)
         self._captures += 1
