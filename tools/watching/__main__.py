@@ -108,7 +108,7 @@ class _Process:
             if camera.follows or wants:
                 arrived_s, shot = camera.frame()
                 with self._lock:
-                    watcher.capture(arrived_s, camera.exposures.radiance([shot]), camera.exposures.saturated([shot]))
+                    watcher.capture(arrived_s, shot, camera.exposures)
             else:
                 arrived_s = camera.skip()
             period_s = (

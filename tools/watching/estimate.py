@@ -45,14 +45,15 @@ class Found:
     unsure : (n,). Standard deviation of each component.
     known : share of the geometry's directions that the captures determine, per projector.
     better : improvement of the held-back captures over the applied θ.
-    camera : whether a movement of the camera explains the held-back captures better.
+    camera : how much better a movement of the camera explains the held-back captures than movements of the
+        projectors; None if the camera has hardly moved.
     """
 
     theta: FloatArray
     unsure: FloatArray
     known: tuple[float, ...]
     better: float
-    camera: bool
+    camera: float | None
 
 
 class Estimate:
@@ -110,7 +111,7 @@ class Estimate:
         unsure = np.sqrt(1 / np.maximum(np.diag(evidence.H), 1e-12))
         known = tuple(self._known(evidence, places) for places in self._geometries())
         better = held.cost(self.applied) - held.cost(kept)
-        return Found(kept, unsure, known, better, self._camera_moved(evidence, held))
+        return Found(kept, unsure, known, better, self._camera(evidence, held))
 
     def _groups(self) -> list[tuple[NDArray[np.int64], float]]:
         """Return the components that change together, and the least change of each that is applied."""
@@ -154,14 +155,15 @@ class Estimate:
     def _known(self, evidence: Evidence, places: NDArray[np.int64]) -> float:
         return float(np.mean(self._directions(evidence, places)[0] > 1))
 
-    def _camera_moved(self, evidence: Evidence, held: Evidence) -> bool:
-        light = np.concatenate([places for places, _ in self.groups[self.layout.projectors :]])
+    def _camera(self, evidence: Evidence, held: Evidence) -> float | None:
+        light = np.concatenate([self.layout.all_gains, self.layout.ambient])
         geometry, camera = (
             self._solved(evidence, np.concatenate([some, light]))
             for some in (self.layout.all_geometry, self.layout.camera)
         )
-        far = float(np.abs(camera[self.layout.camera]).max())
-        return far > CAMERA_MOVED and held.cost(geometry) - held.cost(camera) > WORTH
+        if float(np.abs(camera[self.layout.camera]).max()) < CAMERA_MOVED:
+            return None
+        return held.cost(geometry) - held.cost(camera)
 
     def _sum(self, records: list[Record]) -> Evidence:
         return reduce(add, (record.evidence for record in records), Evidence.none(self.layout.size))

@@ -149,7 +149,7 @@ class Comparison:
     def ambient(self, theta: FloatArray) -> FloatArray:
         """Return e(θ), (blocks, 3)."""
         field = theta[self.layout.ambient].reshape(CHANNELS, self.layout.field)
-        return self._view.ambient + np.einsum("bfk,kf->bk", self._lit, field)
+        return self._view.ambient + self._view.texture * self._view.white * (self._hats @ field.T)
 
     def predicted(self, picture: FloatArray, theta: FloatArray) -> FloatArray:
         """Return the blocks' light under a shown picture, (blocks, 3)."""

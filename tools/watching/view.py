@@ -20,6 +20,7 @@ from counterlight.maps.chain import Chain
 from counterlight.maps.mixing import mixed
 from counterlight.maps.row_map import SparseRows
 from counterlight.raster import Region
+from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.registration import lit
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.transport.transport import Csr, Transport, channels, luminance, stacked
@@ -28,6 +29,7 @@ from counterlight.unattended.watch_link import GRID, Box, reduced_boxes
 MOST_BLOCKS = 5000
 FEWEST_BLOCKS = 50
 WHOLE = 0.99  # share of a block's light that must come from inside the rasters
+MASKED = 255  # value of OpenCV's masks
 SURROUNDINGS = 0.05  # σ of the surroundings of a paint's texture, share of the camera's longer side
 TEXTURE = 0.02, 4.0  # limits of the paint's texture
 
@@ -54,10 +56,16 @@ class Blocks:
         return self.rows * self.columns
 
     def means(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the mean of each block: (height, width, 3) -> (blocks, 3)."""
+        """Return the mean of each block: (height, width, channels) or (height, width) -> (blocks, channels)."""
         inside = np.ascontiguousarray(picture[: self.rows * self.side, : self.columns * self.side])
         size = self.columns, self.rows
         return np.asarray(cv2.resize(inside, size, interpolation=cv2.INTER_AREA), np.float32).reshape(self.count, -1)
+
+    def unclipped(self, shot: Shot) -> BoolArray:
+        """Return the blocks without a pixel at the top of the camera's range, (blocks,) bool."""
+        below = int(np.iinfo(shot.dtype).max) - 1
+        fits = cv2.inRange(shot, (0,) * 3, (below,) * 3) if shot.ndim == 3 else cv2.inRange(shot, 0, below)
+        return self.means(fits.astype(np.float32))[:, 0] == MASKED
 
     def averaging(self, shape: tuple[int, int]) -> Csr:
         """Return B, (blocks, camera pixels)."""
@@ -167,13 +175,13 @@ class RoomView:
         """The blocks of each camera."""
         found = []
         for number in range(len(self.room.views)):
-            share = self.blocks.means(np.repeat(self.room.pixels_of(number)[..., None], 3, axis=2).astype(np.float32))
+            share = self.blocks.means(self.room.pixels_of(number).astype(np.float32))
             found.append(share[:, 0] > 0.5)
         return found
 
     def _counted(self, room: Calibration) -> BoolArray:
         """Return the blocks inside the mask that are lit from inside the rasters, away from their borders."""
-        mask = self.blocks.means(np.repeat(room.mask[..., None], 3, axis=2).astype(np.float32))[:, 0]
+        mask = self.blocks.means(room.mask.astype(np.float32))[:, 0]
         inner = np.zeros((*self.raster, 3))
         for box in self.boxes:
             edge = max(2, round(0.03 * max(box.width, box.height)))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.pipeline.drift import Moved
 from counterlight.raster import Shape
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.registration import homography
 from counterlight.tools.watching.estimate import STILL_AMBIENT, STILL_LIGHT, STILL_PX, WORTH, Estimate, Found
 from counterlight.tools.watching.evidence import CHANNELS, FIELD, Compared, Comparison
@@ -31,6 +32,8 @@ EXPOSURES = 12  # captures that tell an automatic exposure
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
 GAIN, FARTHEST, FARTHEST_PX = (0.5, 1.15), 0.02, 4.0  # limits: light, corners as a share of the longer side, or pixels
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
+BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
+UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
 MISFITTING, SEARCHED = 0.05, (2.0, 1.0, 0.5)  # share of outliers that starts the search of a jump; steps in pixels
 SEARCH_S = 1.0, 30.0  # between two searches; doubles after each search in vain
@@ -69,6 +72,8 @@ class Watcher:
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
         self._frame_s = self._capture_s = self._compared_s = -np.inf
+        self._history: deque[FloatArray] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
+        self._unclear_s = np.inf
         self._jumped, self._rest_s = False, SEARCH_S[0]
 
     def light(self, light: Light) -> None:
@@ -88,13 +93,9 @@ class Watcher:
         pause_s = SAME_S if self._light is self._compared_light else OFTEN_S
         return time_s - self._compared_s > pause_s and self._timeline.knows(self._timeline.window(time_s))
 
-    def capture(self, time_s: float, radiance: NDArray[np.float32], saturated: BoolArray) -> None:
-        """Take a capture that arrived at `time_s`.
-
-        radiance : (camera height, camera width, 3).
-        saturated : (camera height, camera width) bool.
-        """
-        measured = self._view.measured(radiance)
+    def capture(self, time_s: float, shot: Shot, exposures: Exposures) -> None:
+        """Take a capture that arrived at `time_s`; `exposures` converts its code values to radiance."""
+        measured = self._view.measured(exposures.radiance([shot]))
         self._capture_s = time_s
         if self._stands_still(time_s, measured):
             self._rejected["identical"] += 1
@@ -112,11 +113,16 @@ class Watcher:
         if float(np.sqrt(np.mean(exposed.change**2))) > CUT:
             self._rejected["cut"] += 1
             return
-        self._compare(time_s, exposed, measured, saturated)
+        self._compare(time_s, exposed, measured, self._view.blocks.unclipped(shot))
 
     def answer(self, now_s: float) -> Answer:
         """Return the correction to apply, and why."""
         state, reason = self._state(now_s)
+        if state in ("camera moved", "camera changed") and self._history:
+            self._estimate.applied = self._history[0]  # from before the camera changed
+            self._history.clear()
+        elif not self._history or now_s >= self._answered_s + FIND_EVERY_S:
+            self._history.append(self._estimate.applied)
         step_s = min(now_s - self._answered_s, 1.0)
         self._answered_s = now_s
         if state == "correcting":
@@ -134,16 +140,15 @@ class Watcher:
             dict(self._rejected),
         )
 
-    def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, saturated: BoolArray) -> None:
-        clipped = self._view.blocks.means(np.repeat(saturated[..., None], 3, axis=2).astype(np.float32))[:, 0] > 0
-        compared = self._comparison.compare(exposed, measured, self._estimate.theta, ~clipped, 0.0)
+    def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, unclipped: BoolArray) -> None:
+        compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, 0.0)
         taken = _Taken(time_s, exposed, measured, compared)
         if compared.outliers < MISFITTING:
             self._rest_s = SEARCH_S[0]
         elif time_s - self._searched_s > self._rest_s:
             self._searched_s, self._rest_s = time_s, min(2 * self._rest_s, SEARCH_S[1])
             if self._jump(taken):
-                compared = self._comparison.compare(exposed, measured, self._estimate.theta, ~clipped, 0.0)
+                compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, 0.0)
                 taken = _Taken(time_s, exposed, measured, compared)
         self._compared_s, self._compared_light = time_s, self._light
         previous = self._taken[-1].exposed.picture if self._taken else None
@@ -215,18 +220,24 @@ class Watcher:
                 known = self._timeline.latency.known
                 return "looking", "" if known else "the film has not yet told when the camera sees a frame"
             return "holding", "too few captures"
-        return self._state_of(self._found)
+        return self._state_of(self._found, now_s)
 
-    def _state_of(self, found: Found) -> tuple[str, str]:
-        if found.camera:
+    def _state_of(self, found: Found, now_s: float) -> tuple[str, str]:
+        if found.camera is not None and found.camera > WORTH:
             return "camera moved", "the camera has moved: put it back, or acquire again"
         beyond = self._beyond(found.theta)
-        if beyond:
-            return "acquire again", beyond
+        if beyond is not None:
+            return beyond
         if np.array_equal(found.theta, self._estimate.applied):
             return "holding", "nothing has changed" if min(found.known) == 1 else "the film says too little"
         if found.better < WORTH:
             return "holding", "a correction would not predict other captures better"
+        places = self._comparison.layout.all_geometry
+        moves = np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX
+        unclear = moves and found.camera is not None and found.camera > -WORTH
+        self._unclear_s = min(self._unclear_s, now_s) if unclear else np.inf
+        if now_s - self._unclear_s < UNCLEAR_S and unclear:
+            return "holding", "it is unclear whether the camera or a projector has moved"
         return "correcting", self._changes(found.theta)
 
     def _automatic(self) -> bool:
@@ -240,16 +251,20 @@ class Watcher:
             return False
         return float(np.corrcoef(gain, light)[0, 1]) < -AUTOMATIC[0]
 
-    def _beyond(self, theta: FloatArray) -> str:
+    def _beyond(self, theta: FloatArray) -> tuple[str, str] | None:
+        """Return the state and the reason if θ exceeds the limits of corrections."""
         for number, device in enumerate(self._view.room.projectors):
             name = "the projector" if len(self._view.boxes) == 1 else f"projector {number + 1}"
             far = float(np.hypot(*self._moved(theta, number).at_corners(device).T).max())
             if far > max(FARTHEST * max(device.shape), FARTHEST_PX):
-                return f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
+                return "acquire again", f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
             gain = 1 + theta[self._comparison.layout.gain(number)]
-            if not (GAIN[0] <= gain.min() and gain.max() <= GAIN[1]):
-                return f"{name}'s light is {gain.mean():.0%} of what it was: acquire again"
-        return ""
+            if gain.max() > GAIN[1]:
+                said = f"{name} seems {gain.mean():.0%} as bright as calibrated"
+                return "camera changed", f"{said}: set the camera's exposure and gain as for the calibration"
+            if gain.min() < GAIN[0]:
+                return "acquire again", f"{name}'s light is {gain.mean():.0%} of what it was: acquire again"
+        return None
 
     def _changes(self, theta: FloatArray) -> str:
         said, layout = [], self._comparison.layout
