@@ -37,10 +37,12 @@ class WatchCamera(Protocol):
     follows : whether each capture shows exactly one picture that the player has sent.
     """
 
-    exposures: Exposures
-    exposure_s: float | None
-    follows: bool
-
+    @property
+    def exposures(self) -> Exposures: ...
+    @property
+    def exposure_s(self) -> float | None: ...
+    @property
+    def follows(self) -> bool: ...
     def skip(self) -> float:
         """Wait for the next frame, and discard it; returns the time of its arrival. Raises InputError without one."""
 
@@ -115,6 +117,7 @@ class SimulatedFrames:
         self._room, self._camera, self._factor = room, camera, factor
         self.exposures, self._pictures = camera.exposures, queue.Queue[Picture](maxsize=2)
         self._number = 0
+        camera.eye.expose(camera.exposures.shortest)
 
     def skip(self) -> float:
         return self._next().time_s

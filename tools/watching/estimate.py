@@ -22,7 +22,7 @@ FEWEST = 2  # fitted captures of a window
 UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA = 0.1, 0.02, 0.004, 0.1  # largest deviation of what may change
 STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.02, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
-WORTH = 4.0  # least improvement of the held-back captures, in units of ½ χ²
+WORTH = 2.0  # least improvement of the held-back captures, in units of ½ χ²
 NEW = 0.03  # change of the picture, RMS of drive, from which on a capture counts fully
 OLD = 0.1  # share that a capture of the same picture counts
 CAMERA_MOVED = 0.1  # camera pixels
@@ -59,7 +59,7 @@ class Found:
 class Estimate:
     """Collects evidence; `theta` is the present estimate, around which captures are compared.
 
-    `applied` is the θ that the player was given.
+    `applied` is the θ that the player has, or will have soon.
     """
 
     def __init__(self, layout: Layout) -> None:

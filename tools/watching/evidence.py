@@ -241,7 +241,7 @@ class Comparison:
         labels, count = ndimage.label(grid, np.ones((3, 3)))
         sizes = np.bincount(labels.ravel(), minlength=count + 1)
         large = (sizes >= REGION)[labels] & grid
-        around = ndimage.binary_dilation(large, np.ones((3, 3)), iterations=2).ravel()[self._used]
+        around = ndimage.binary_dilation(large, np.ones((3, 3), np.bool_), iterations=2).ravel()[self._used]
         weights = np.where(around, 0, weights)
         return scale, np.asarray(weights), float(around.mean())
 

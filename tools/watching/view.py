@@ -65,7 +65,7 @@ class Blocks:
         """Return the blocks without a pixel at the top of the camera's range, (blocks,) bool."""
         below = int(np.iinfo(shot.dtype).max) - 1
         fits = cv2.inRange(shot, (0,) * 3, (below,) * 3) if shot.ndim == 3 else cv2.inRange(shot, 0, below)
-        return self.means(fits.astype(np.float32))[:, 0] == MASKED
+        return np.asarray(self.means(fits.astype(np.float32))[:, 0] == MASKED)
 
     def averaging(self, shape: tuple[int, int]) -> Csr:
         """Return B, (blocks, camera pixels)."""

@@ -21,7 +21,8 @@ from counterlight.tools.watching.view import RoomView, regional
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation
 
 LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
-OFTEN_S, SAME_S = 0.1, 1.0  # least time between compared captures, and between captures of one picture
+OFTEN_S, PIXEL_S = 0.1, 2.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
+SAME_S = 1.0  # the same between captures of one picture
 RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
@@ -73,7 +74,9 @@ class Watcher:
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
         self._frame_s = self._capture_s = self._compared_s = -np.inf
         self._history: deque[FloatArray] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
+        self._applied = self._estimate.applied
         self._unclear_s = np.inf
+        self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
         self._jumped, self._rest_s = False, SEARCH_S[0]
 
     def light(self, light: Light) -> None:
@@ -90,7 +93,7 @@ class Watcher:
         """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
         if time_s - self._capture_s > (RARE_S if self._timeline.latency.known else LOOKING_S):
             return True
-        pause_s = SAME_S if self._light is self._compared_light else OFTEN_S
+        pause_s = SAME_S if self._light is self._compared_light else self._pause_s
         return time_s - self._compared_s > pause_s and self._timeline.knows(self._timeline.window(time_s))
 
     def capture(self, time_s: float, shot: Shot, exposures: Exposures) -> None:
@@ -118,22 +121,23 @@ class Watcher:
     def answer(self, now_s: float) -> Answer:
         """Return the correction to apply, and why."""
         state, reason = self._state(now_s)
+        estimate, step_s = self._estimate, min(now_s - self._answered_s, 1.0)
         if state in ("camera moved", "camera changed") and self._history:
-            self._estimate.applied = self._history[0]  # from before the camera changed
+            estimate.applied = self._applied = self._history[0]  # from before the camera changed
             self._history.clear()
-        elif not self._history or now_s >= self._answered_s + FIND_EVERY_S:
-            self._history.append(self._estimate.applied)
-        step_s = min(now_s - self._answered_s, 1.0)
+        elif now_s - self._answered_s >= FIND_EVERY_S:
+            self._history.append(self._applied)
+        if state == "correcting" and self._found is not None:
+            estimate.applied = self._found.theta
+        if state in ("correcting", "holding"):
+            self._approach(estimate.applied, step_s)
         self._answered_s = now_s
-        if state == "correcting":
-            assert self._found is not None
-            self._apply(self._found.theta, step_s)
-        estimate, latency = self._estimate, self._timeline.latency
+        latency = self._timeline.latency
         return Answer(
             state,
             reason,
-            self._projected(estimate.applied),
-            self._field(estimate.applied),
+            self._projected(self._applied),
+            self._field(self._applied),
             self._confidence(),
             latency.latency_s if latency.known else 0.0,
             self._captures,
@@ -276,20 +280,20 @@ class Watcher:
             gain = theta[layout.gain(number)]
             if np.abs(gain).max() >= STILL_LIGHT:
                 said.append(f"{name}'s light is {1 + gain.mean():.1%} of what it was")
-        if np.abs(theta[layout.ambient]).max() >= STILL_AMBIENT:
-            said.append(f"the room's light has changed by {theta[layout.ambient].mean():.1%} of white")
+        room_light = float(theta[layout.ambient].mean())
+        if abs(room_light) >= STILL_AMBIENT:
+            said.append(f"the room's light has changed by {room_light:.1%} of white")
         return "; ".join(said) or "back to the calibration"
 
-    def _apply(self, theta: FloatArray, step_s: float) -> None:
+    def _approach(self, theta: FloatArray, step_s: float) -> None:
         """Move the applied θ towards θ, at the largest allowed speed."""
-        estimate, layout = self._estimate, self._comparison.layout
-        change = theta - estimate.applied
+        layout, change = self._comparison.layout, theta - self._applied
         px = float(np.abs(change[layout.all_geometry]).max())
-        light = float(np.abs(np.delete(change, np.concatenate([layout.all_geometry, layout.camera]))).max())
+        light = float(np.abs(change[np.concatenate([layout.all_gains, layout.ambient])]).max())
         share = min(1.0, PX_PER_S * step_s / max(px, 1e-9), LIGHT_PER_S * step_s / max(light, 1e-9))
         if self._jumped or px > JUMP_PX:
             share, self._jumped = 1.0, False
-        estimate.applied = estimate.applied + share * change
+        self._applied = self._applied + share * change
 
     def _moved(self, theta: FloatArray, number: int) -> Moved:
         device, layout = self._view.room.projectors[number], self._comparison.layout
