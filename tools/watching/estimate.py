@@ -19,7 +19,8 @@ from counterlight.tools.watching.evidence import Compared, Evidence, Layout
 WINDOWS_S = 20.0, 10.0, 5.0, 2.5  # captures that are fitted; a shorter window is used after a change
 HOLD_BACK = 3
 FEWEST = 2  # fitted captures of a window
-UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA = 0.1, 0.02, 0.004, 0.1  # largest deviation of what may change
+UNSURE_PX, UNSURE_LIGHT, UNSURE_CAMERA = 0.1, 0.03, 0.1  # largest deviations of what may change
+UNSURE_AMBIENT, UNSURE_EVEN = 0.004, 0.02  # of the field of ambient light, and of its mean
 STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.02, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
 WORTH = 2.0  # least improvement of the held-back captures, in units of ½ χ²
@@ -68,7 +69,7 @@ class Estimate:
         self.applied: FloatArray = np.zeros(layout.size)
         self._records: deque[Record] = deque()
         self._count = 0
-        self._limits = _per_unknown(layout, UNSURE_PX, UNSURE_LIGHT, UNSURE_AMBIENT, UNSURE_CAMERA)
+        self._units = _units(layout)
         self.groups = self._groups()
 
     def add(self, time_s: float, compared: Compared, change: float) -> None:
@@ -141,15 +142,16 @@ class Estimate:
         """Minimise the cost over the determined directions of the free unknowns, from the applied θ."""
         theta = self.applied.copy()
         values, vectors = self._directions(evidence, free)
-        gradient = self._limits[free] * (evidence.b - evidence.H @ theta)[free]
+        units = self._units[np.ix_(free, free)]
+        gradient = units.T @ (evidence.b - evidence.H @ theta)[free]
         told = values > 1
-        step = vectors[:, told] @ ((vectors[:, told].T @ gradient) / values[told])
-        theta[free] += self._limits[free] * step
+        theta[free] += units @ (vectors[:, told] @ ((vectors[:, told].T @ gradient) / values[told]))
         return theta
 
     def _directions(self, evidence: Evidence, free: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        limits = self._limits[free]
-        values, vectors = np.linalg.eigh(limits[:, None] * evidence.H[np.ix_(free, free)] * limits)
+        """Return the eigenvalues and vectors of the information in `_units`: above 1, a direction is determined."""
+        units = self._units[np.ix_(free, free)]
+        values, vectors = np.linalg.eigh(units.T @ evidence.H[np.ix_(free, free)] @ units)
         return values, vectors
 
     def _known(self, evidence: Evidence, places: NDArray[np.int64]) -> float:
@@ -169,9 +171,11 @@ class Estimate:
         return reduce(add, (record.evidence for record in records), Evidence.none(self.layout.size))
 
 
-def _per_unknown(layout: Layout, px: float, light: float, ambient: float, camera: float) -> FloatArray:
-    values = np.full(layout.size, px)
-    for number in range(layout.projectors):
-        values[layout.gain(number)] = light
-    values[layout.ambient], values[layout.camera] = ambient, camera
-    return values
+def _units(layout: Layout) -> FloatArray:
+    """Return, (n, n), the largest deviations of what may change: even ambient light may be less sure than its shape."""
+    units = np.full(layout.size, UNSURE_PX)
+    units[layout.all_gains], units[layout.camera] = UNSURE_LIGHT, UNSURE_CAMERA
+    found, even = np.diag(units), np.full((layout.field, layout.field), 1 / layout.field)
+    for cells in layout.ambient.reshape(-1, layout.field):
+        found[np.ix_(cells, cells)] = UNSURE_AMBIENT * np.eye(layout.field) + UNSURE_EVEN * np.sqrt(layout.field) * even
+    return found
