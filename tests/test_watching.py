@@ -23,7 +23,7 @@ from tests.watched_films import Film, Scene, watched
 
 SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
 CALM = Devices(projector=Projector(gammas=None))
-NEAR_PX, NEAR_LIGHT = 0.06, 0.01  # a film of 16 s after the change; 64x48 camera pixels of 8 bits
+NEAR_PX, NEAR_LIGHT = 0.06, 0.015  # a film of 16 s after the change; 64x48 camera pixels of 8 bits
 STILL_PX = 0.02  # of the picture's middle, if nothing has moved
 
 

@@ -26,16 +26,22 @@ INFORMATION = 0.02  # share of the evidence that counts, because errors of T rep
 WORTH = 2.0  # least improvement of the held-back captures, in units of ½ χ²
 NEW = 0.03  # change of the picture, RMS of drive, from which on a capture counts fully
 OLD = 0.1  # share that a capture of the same picture counts
+COARSE = 1.5  # rounding errors that a whole picture may have in common
+DIM = 0.05  # brightness of a film, share of white, in which noise does not blur code values
 CAMERA_MOVED = 0.1  # camera pixels
 
 
 @dataclass(frozen=True)
 class Record:
-    """The evidence of a capture; `held` captures are not fitted."""
+    """The evidence of a capture; `held` captures are not fitted.
+
+    still : least changes of gains and of ambient light that rounded code values allow to see.
+    """
 
     time_s: float
     evidence: Evidence
     held: bool
+    still: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -70,14 +76,15 @@ class Estimate:
         self._records: deque[Record] = deque()
         self._count = 0
         self._units = _units(layout)
-        self.groups = self._groups()
 
     def add(self, time_s: float, compared: Compared, change: float) -> None:
         """Take a capture; `change` is the RMS change of its picture since the previous one."""
         share = INFORMATION * float(np.clip(change / NEW, OLD, 1))
         self._count += 1
         held = self._count % HOLD_BACK == 0
-        self._records.append(Record(time_s, compared.evidence.scaled(share), held))
+        error, bright = COARSE * compared.coarse, max(compared.brightness, 1e-3)
+        still = max(STILL_LIGHT, error / bright), max(STILL_AMBIENT, error * min(1.0, DIM / bright))
+        self._records.append(Record(time_s, compared.evidence.scaled(share), held, still))
         while self._records[0].time_s < time_s - WINDOWS_S[0]:
             self._records.popleft()
 
@@ -108,32 +115,33 @@ class Estimate:
             self._records = deque(records)
         held = self._sum([r for r in records if r.held])
         self.theta = theta
-        kept = self._simplest(theta, held)
+        kept = self._simplest(theta, held, np.median([record.still for record in records], axis=0))
         unsure = np.sqrt(1 / np.maximum(np.diag(evidence.H), 1e-12))
         known = tuple(self._known(evidence, places) for places in self._geometries())
         better = held.cost(self.applied) - held.cost(kept)
         return Found(kept, unsure, known, better, self._camera(evidence, held))
 
-    def _groups(self) -> list[tuple[NDArray[np.int64], float]]:
+    def _groups(self, still: FloatArray) -> list[tuple[NDArray[np.int64], float]]:
         """Return the components that change together, and the least change of each that is applied."""
+        light, ambient = (float(each) for each in still)
         projectors = range(self.layout.projectors)
         return [
-            *((self.layout.geometry(number), STILL_PX) for number in projectors),
-            *((self.layout.gain(number), STILL_LIGHT) for number in projectors),
-            (self.layout.ambient, STILL_AMBIENT),
+            *((places, STILL_PX) for places in self._geometries()),
+            *((self.layout.gain(number), light) for number in projectors),
+            (self.layout.ambient, ambient),
         ]
 
     def _geometries(self) -> list[NDArray[np.int64]]:
         return [self.layout.geometry(number) for number in range(self.layout.projectors)]
 
-    def _simplest(self, theta: FloatArray, held: Evidence) -> FloatArray:
+    def _simplest(self, theta: FloatArray, held: Evidence, still: FloatArray) -> FloatArray:
         """Return θ with all components at their applied value whose change is small or does not improve."""
         kept = theta.copy()
         kept[self.layout.camera] = 0
-        for places, still in self.groups:
+        for places, least in self._groups(still):
             back = kept.copy()
             back[places] = self.applied[places]
-            small = float(np.abs(kept - back).max()) < still
+            small = float(np.abs(kept - back).max()) < least
             if small or held.cost(back) - held.cost(kept) < WORTH:
                 kept = back
         return kept

@@ -7,6 +7,7 @@ Weights fall to zero for large residuals (Geman and McClure 1987) and for connec
 a hand.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ GEOMETRY, CHANNELS, CAMERA = 8, 3, 3
 FIELD = 3, 4  # rows and columns of the ambient field
 MODEL, FLOOR = 0.02, 0.001  # errors of the model, shares of the predicted light and of white
 MISPLACED = 0.1  # error of T, in projector pixels along the gradient of the picture
+LEAST_SCALE = 0.1  # of residuals, in σ
 HUBER, ROUNDS = 1.5, 4  # robust deviations from which on a residual counts less; rounds of a weighted fit
 SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter of its weight
 OUTLIER = 4.0  # residual of a block that belongs to a foreign object
@@ -110,6 +112,7 @@ class Compared:
     outliers : share of the counted blocks that belong to foreign objects.
     gain : slope of measured over predicted light; NaN for a flat picture. Ambient light does not change it.
     brightness : mean of the predicted light, share of white.
+    coarse : error by rounded code values, share of white.
     agreement : correlation of measured and predicted light relative to the floodlight; NaN for a flat picture.
     """
 
@@ -118,6 +121,7 @@ class Compared:
     outliers: float
     gain: float
     brightness: float
+    coarse: float
     agreement: float
 
 
@@ -156,13 +160,13 @@ class Comparison:
         return self._view.seen(self.landed(picture, theta)) + self.ambient(theta)
 
     def compare(
-        self, exposed: Exposed, measured: FloatArray, theta: FloatArray, unclipped: BoolArray, noise: float
+        self, exposed: Exposed, measured: FloatArray, theta: FloatArray, unclipped: BoolArray, noise: FloatArray
     ) -> Compared:
         """Compare a capture with its prediction at θ.
 
         measured : (blocks, 3), in screen primaries.
         unclipped : (blocks,) bool. Blocks without saturated pixels.
-        noise : standard deviation of a block's mean, radiance.
+        noise : (blocks, 3). Error of a block's mean, radiance.
         """
         view, used = self._view, self._used
         landed = self.landed(exposed.picture, theta)
@@ -195,7 +199,8 @@ class Comparison:
         gain = _slope(light[used], (measured - ambient)[used], weights)
         shares = [np.mean(each[used] / (view.flood + view.ambient)[used], axis=1) for each in (measured, predicted)]
         agreement = float(np.corrcoef(*shares)[0, 1]) if shares[1].std() > FLAT else np.nan
-        return Compared(found, scale, outliers, gain, float(light[used].mean() / view.white), agreement)
+        brightness, coarse = (float(each[used].mean() / view.white) for each in (light, noise))
+        return Compared(found, scale, outliers, gain, brightness, coarse, agreement)
 
     def misfit(self, exposed: Exposed, measured: FloatArray, theta: FloatArray) -> float:
         """Return a robust mean of the residuals, for comparing distant θ: each counts at most as much as an outlier."""
@@ -218,23 +223,19 @@ class Comparison:
             even[cells, cells[0]] = 1
         even = even[:, even.any(axis=0)]
         Z = [each @ even[where] for each, where in zip(J, places, strict=True)]
-        left = residual
-        for _ in range(ROUNDS):
-            scale = max(float(MAD_TO_SIGMA * np.median(np.abs(left[told]))), 0.1) if told.any() else 1.0
-            weights = told[:, None] / np.maximum(np.abs(left) / (HUBER * scale), 1)
-            weighted = [weights[:, k, None] * each for k, each in enumerate(Z)]
-            H = sum(each.T @ z for each, z in zip(weighted, Z, strict=True))
-            b = sum(each.T @ residual[:, k] for k, each in enumerate(weighted))
-            step = np.linalg.lstsq(H, b, rcond=1e-8)[0]
-            left = residual - np.stack([z @ step for z in Z], axis=1)
-        return left
+        fitted = _fitted(Z, residual, told, np.zeros(even.shape[1]), _huber)
+        starts = [_fitted(Z, residual, told, start, _redescending) for start in (np.zeros_like(fitted), fitted)]
+        left = [residual - np.stack([z @ x for z in Z], axis=1) for x in starts]
+        scale = min(_scale(each[told]) for each in left)
+        cost = [float(np.sum(each[told] ** 2 * np.sqrt(_redescending(each[told] / scale)))) for each in left]
+        return left[int(cost[1] < cost[0])]
 
     def _weights(self, residual: FloatArray, unclipped: BoolArray) -> tuple[float, FloatArray, float]:
         """Return the robust scale, the weight of each used block, and the share of foreign blocks."""
         size = np.sqrt(np.mean(residual**2, axis=1))
         told = size[unclipped]
-        scale = max(float(MAD_TO_SIGMA * np.median(np.abs(residual[unclipped]))), 0.1) if told.size else 1.0
-        weights = unclipped / (1 + (size / (SCALE * scale)) ** 2) ** 2
+        scale = _scale(residual[unclipped]) if told.size else 1.0
+        weights = unclipped * _redescending(size / scale)
         foreign = np.zeros(self._view.blocks.count, np.bool_)
         foreign[self._used] = size > OUTLIER * scale
         grid = foreign.reshape(self._view.shape)
@@ -313,6 +314,36 @@ class Comparison:
         box = self._view.boxes[number]
         unit = self._view.factor * self._halves[number]
         return homography(theta[self.layout.geometry(number)] / unit, (box.height, box.width))
+
+
+def _fitted(
+    Z: list[FloatArray],
+    residual: FloatArray,
+    told: BoolArray,
+    x: FloatArray,
+    weight: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Minimise a robust sum over channels k of |residual_k − Z_k x|, from x on. `told` are the blocks that count."""
+    for _ in range(ROUNDS):
+        left = residual - np.stack([z @ x for z in Z], axis=1)
+        weights = told[:, None] * weight(left / (_scale(left[told]) if told.any() else 1.0))
+        weighted = [weights[:, k, None] * z for k, z in enumerate(Z)]
+        H = sum((w.T @ z for w, z in zip(weighted, Z, strict=True)), np.zeros((x.size, x.size)))
+        b = sum((w.T @ residual[:, k] for k, w in enumerate(weighted)), np.zeros(x.size))
+        x = np.linalg.lstsq(H, b, rcond=1e-8)[0]
+    return x
+
+
+def _scale(residual: FloatArray) -> float:
+    return max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), LEAST_SCALE)
+
+
+def _huber(residual: FloatArray) -> FloatArray:
+    return np.asarray(1 / np.maximum(np.abs(residual) / HUBER, 1))
+
+
+def _redescending(residual: FloatArray) -> FloatArray:
+    return np.asarray(1 / (1 + (residual / SCALE) ** 2) ** 2)
 
 
 def _slope(predicted: FloatArray, measured: FloatArray, weights: FloatArray) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import FloatArray
 from counterlight.pipeline.drift import Moved
 from counterlight.raster import Shape
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
@@ -33,6 +33,7 @@ EXPOSURES = 12  # captures that tell an automatic exposure
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
 GAIN, FARTHEST, FARTHEST_PX = (0.5, 1.15), 0.02, 4.0  # limits: light, corners as a share of the longer side, or pixels
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
+ROUNDED = 0.3  # code values
 BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
@@ -116,7 +117,7 @@ class Watcher:
         if float(np.sqrt(np.mean(exposed.change**2))) > CUT:
             self._rejected["cut"] += 1
             return
-        self._compare(time_s, exposed, measured, self._view.blocks.unclipped(shot))
+        self._compare(time_s, exposed, measured, shot, exposures)
 
     def answer(self, now_s: float) -> Answer:
         """Return the correction to apply, and why."""
@@ -144,15 +145,16 @@ class Watcher:
             dict(self._rejected),
         )
 
-    def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, unclipped: BoolArray) -> None:
-        compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, 0.0)
+    def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
+        unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, measured)
+        compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
         taken = _Taken(time_s, exposed, measured, compared)
         if compared.outliers < MISFITTING:
             self._rest_s = SEARCH_S[0]
         elif time_s - self._searched_s > self._rest_s:
             self._searched_s, self._rest_s = time_s, min(2 * self._rest_s, SEARCH_S[1])
             if self._jump(taken):
-                compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, 0.0)
+                compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
                 taken = _Taken(time_s, exposed, measured, compared)
         self._compared_s, self._compared_light = time_s, self._light
         previous = self._taken[-1].exposed.picture if self._taken else None
@@ -325,6 +327,13 @@ class Watcher:
             return 0.0
         outliers = np.mean([each.compared.outliers for each in self._taken]) if self._taken else 1.0
         return float(np.mean(self._found.known) * (1 - outliers))
+
+
+def _rounding(exposures: Exposures, shot: Shot, measured: FloatArray) -> FloatArray:
+    """Return the error of radiance (blocks, 3) by rounded code values, which noise may be too weak to blur."""
+    codes = np.arange(int(np.iinfo(shot.dtype).max) + 1, dtype=shot.dtype)
+    light = exposures.radiance([codes[None]])[0, :, 0].astype(np.float64)
+    return np.asarray(ROUNDED * np.interp(measured, light, np.gradient(light)))
 
 
 def _rms(values: NDArray[np.floating]) -> float:
