@@ -6,7 +6,7 @@ that the captures do not determine keep their values (eigenvalues of the informa
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 
@@ -18,6 +18,7 @@ from counterlight.tools.watching.evidence import Compared, Evidence, Layout
 
 WINDOWS_S = 20.0, 10.0, 5.0, 2.5  # captures that are fitted; a shorter window is used after a change
 HOLD_BACK = 3
+FASTEST = 0.1  # expected speed of a steady drift, pixels per second
 FEWEST = 2  # fitted captures of a window
 UNSURE_PX, UNSURE_LIGHT, UNSURE_CAMERA = 0.1, 0.03, 0.1  # largest deviations of what may change
 UNSURE_AMBIENT, UNSURE_EVEN = 0.004, 0.02  # of the field of ambient light, and of its mean
@@ -76,6 +77,7 @@ class Estimate:
         self._records: deque[Record] = deque()
         self._count = 0
         self._units = _units(layout)
+        self._free = np.setdiff1d(np.arange(layout.size), layout.camera)
 
     def add(self, time_s: float, compared: Compared, change: float) -> None:
         """Take a capture; `change` is the RMS change of its picture since the previous one."""
@@ -95,31 +97,46 @@ class Estimate:
 
     def find(self) -> Found | None:
         """Return the best candidate; None without enough captures."""
-        if not self._records:
-            return None
-        now_s = self._records[-1].time_s
-        free = np.setdiff1d(np.arange(self.layout.size), self.layout.camera)
-        best: tuple[FloatArray, Evidence, list[Record]] | None = None
+        best: list[Record] = []
+        theta = self.applied
         for window_s in WINDOWS_S:
-            records = [r for r in self._records if r.time_s > now_s - window_s]
-            evidence, held = (self._sum([r for r in records if r.held is each]) for each in (False, True))
-            if sum(not r.held for r in records) < FEWEST or not held.weight:
+            records = [r for r in self._records if r.time_s > self._records[-1].time_s - window_s]
+            if sum(not r.held for r in records) < FEWEST or not any(r.held for r in records):
                 break
-            theta = self._solved(evidence, free)
-            if best is None or held.cost(best[0]) - held.cost(theta) > WORTH:
-                best = theta, evidence, records
-        if best is None:
+            for candidate in (records, self._drifting(records)):
+                found = self._solved(self._sum(candidate, held=False), self._free)
+                before = self._sum(best[-len(records) :] if best else records, held=True).cost(theta)
+                if not best or before - self._sum(candidate, held=True).cost(found) > WORTH:
+                    best, theta = candidate, found
+        if not best:
             return None
-        theta, evidence, records = best
-        if len(records) < len(self._records):
-            self._records = deque(records)
-        held = self._sum([r for r in records if r.held])
+        if len(best) < len(self._records):
+            self._records = deque([*self._records][-len(best) :])
+        evidence, held = (self._sum(best, held=each) for each in (False, True))
         self.theta = theta
-        kept = self._simplest(theta, held, np.median([record.still for record in records], axis=0))
+        kept = self._simplest(theta, held, np.median([record.still for record in best], axis=0))
         unsure = np.sqrt(1 / np.maximum(np.diag(evidence.H), 1e-12))
         known = tuple(self._known(evidence, places) for places in self._geometries())
         better = held.cost(self.applied) - held.cost(kept)
         return Found(kept, unsure, known, better, self._camera(evidence, held))
+
+    def _drifting(self, records: list[Record]) -> list[Record]:
+        """Return the captures as if they were taken now, by the steady drift of all pictures that fits best.
+
+        The cost of θ + τ v for a capture of age −τ is quadratic in θ and v; eliminating θ leaves v.
+        """
+        now_s, shifts = records[-1].time_s, np.concatenate([places[:2] for places in self._geometries()])
+        age = [r.time_s - now_s for r in records]
+        fitted = [(r.evidence, t) for r, t in zip(records, age, strict=True) if not r.held]
+        H = [sum((t**k * e.H for e, t in fitted), np.zeros((self.layout.size,) * 2)) for k in range(3)]
+        b = [sum((t**k * e.b for e, t in fitted), np.zeros(self.layout.size)) for k in range(2)]
+        free, units = self._free, self._units[np.ix_(self._free, self._free)]
+        inverse = units @ np.linalg.inv(units.T @ H[0][np.ix_(free, free)] @ units + np.eye(free.size)) @ units.T
+        across = H[1][np.ix_(shifts, free)] @ inverse
+        A = H[2][np.ix_(shifts, shifts)] - across @ H[1][np.ix_(free, shifts)]
+        v = np.zeros(self.layout.size)
+        v[shifts] = np.linalg.solve(A + np.eye(shifts.size) / FASTEST**2, b[1][shifts] - across @ b[0][free])
+        return [replace(r, evidence=r.evidence.ahead(-t * v)) for r, t in zip(records, age, strict=True)]
 
     def _groups(self, still: FloatArray) -> list[tuple[NDArray[np.int64], float]]:
         """Return the components that change together, and the least change of each that is applied."""
@@ -175,8 +192,9 @@ class Estimate:
             return None
         return held.cost(geometry) - held.cost(camera)
 
-    def _sum(self, records: list[Record]) -> Evidence:
-        return reduce(add, (record.evidence for record in records), Evidence.none(self.layout.size))
+    def _sum(self, records: list[Record], *, held: bool) -> Evidence:
+        chosen = (record.evidence for record in records if record.held is held)
+        return reduce(add, chosen, Evidence.none(self.layout.size))
 
 
 def _units(layout: Layout) -> FloatArray:

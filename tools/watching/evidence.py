@@ -96,6 +96,12 @@ class Evidence:
     def scaled(self, factor: float) -> "Evidence":
         return Evidence(factor * self.H, factor * self.b, factor * self.c, factor * self.weight)
 
+    def ahead(self, change: FloatArray) -> "Evidence":
+        """Return the cost for a θ that has changed by `change` since: J(θ − change)."""
+        moved = self.H @ change
+        c = self.c + float(self.b @ change + 0.5 * change @ moved)
+        return Evidence(self.H, self.b + moved, c, self.weight)
+
     @classmethod
     def none(cls, size: int) -> "Evidence":
         return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
