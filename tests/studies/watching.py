@@ -233,7 +233,9 @@ def main() -> None:
             folder = (options.keep or Path(temporary)) / name
             folder.mkdir(parents=True, exist_ok=True)
             study = Study(name, folder)
-            print(f"\n{name}\n\n| event | film | found (px; light) | without | watched | true | after s | states |")
+            print(
+                f"\n{name}\n\n| event | film | found (px; light) | without | watched | true | first answer | states |"
+            )
             print("|---|---|---|---|---|---|---|---|")
             for event in EVENTS:
                 if not options.event or any(word in event.name for word in options.event):

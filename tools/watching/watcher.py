@@ -21,7 +21,7 @@ from counterlight.tools.watching.view import RoomView, regional
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation
 
 LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
-OFTEN_S, PIXEL_S = 0.1, 2.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
+OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
 SAME_S = 1.0  # the same between captures of one picture
 RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
