@@ -199,9 +199,8 @@ class Comparison:
             H[np.ix_(places, places)] += weighted.T @ J[channel]
             b[places] += weighted.T @ residual[:, channel]
         c = 0.5 * float(np.sum(weights[:, None] * residual**2))
-        start = theta.copy()
-        c = c + b @ start + 0.5 * float(start @ H @ start)
-        found = Evidence(H, b + H @ start, float(c), float(weights.sum())).scaled(1 / scale**2)
+        c += float(b @ theta + 0.5 * theta @ H @ theta)
+        found = Evidence(H, b + H @ theta, c, float(weights.sum())).scaled(1 / scale**2)
         gain = _slope(light[used], (measured - ambient)[used], weights)
         shares = [np.mean(each[used] / (view.flood + view.ambient)[used], axis=1) for each in (measured, predicted)]
         agreement = float(np.corrcoef(*shares)[0, 1]) if shares[1].std() > FLAT else np.nan
@@ -336,7 +335,7 @@ def _fitted(
         weighted = [weights[:, k, None] * z for k, z in enumerate(Z)]
         H = sum((w.T @ z for w, z in zip(weighted, Z, strict=True)), np.zeros((x.size, x.size)))
         b = sum((w.T @ residual[:, k] for k, w in enumerate(weighted)), np.zeros(x.size))
-        x = np.linalg.lstsq(H, b, rcond=1e-8)[0]
+        x = np.asarray(np.linalg.lstsq(H, b, rcond=1e-8)[0], np.float64)
     return x
 
 
@@ -369,4 +368,4 @@ def _hats(shape: tuple[int, int], field: tuple[int, int]) -> FloatArray:
     for size, cells in zip(shape, field, strict=True):
         at = np.clip((np.arange(size) + 0.5) * cells / size - 0.5, 0, cells - 1)
         axes.append(np.maximum(0, 1 - np.abs(at[:, None] - np.arange(cells))))
-    return np.einsum("ri,cj->rcij", *axes).reshape(shape[0] * shape[1], -1)
+    return np.asarray(np.einsum("ri,cj->rcij", *axes).reshape(shape[0] * shape[1], -1))
