@@ -7,7 +7,7 @@ seconds of CLOCK_MONOTONIC, which both processes share. Both sides import this m
 
 import json
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
@@ -250,4 +250,9 @@ def _situation(values: dict[str, Any], _: bytes) -> Situation:
     return Situation(**values)
 
 
-_READ = {Start.kind: _start, Light.kind: _light, Picture.kind: _picture, Situation.kind: _situation}
+_READ: dict[bytes, Callable[[dict[str, Any], bytes], Message]] = {
+    Start.kind: _start,
+    Light.kind: _light,
+    Picture.kind: _picture,
+    Situation.kind: _situation,
+}

@@ -7,6 +7,7 @@ Weights fall to zero for large residuals (Geman and McClure 1987) and for connec
 a hand.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ GEOMETRY, CHANNELS, CAMERA = 8, 3, 3
 FIELD = 3, 4  # rows and columns of the ambient field
 MODEL, FLOOR = 0.02, 0.001  # errors of the model, shares of the predicted light and of white
 MISPLACED = 0.1  # error of T, in projector pixels along the gradient of the picture
+LEAST_SCALE = 0.1  # of residuals, in σ
+HUBER, ROUNDS = 1.5, 4  # robust deviations from which on a residual counts less; rounds of a weighted fit
 SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter of its weight
 OUTLIER = 4.0  # residual of a block that belongs to a foreign object
 REGION = 6  # blocks of a region that is rejected with its surroundings
@@ -38,7 +41,7 @@ class Layout:
     """The places of the unknowns in θ.
 
     Units: displacements of the picture's corners in projector pixels; light in shares of the calibrated light;
-    ambient light in shares of white; the camera's movement in blocks.
+    ambient light in shares of white; the camera's movement in its pixels.
     """
 
     projectors: int
@@ -56,6 +59,10 @@ class Layout:
 
     def gain(self, projector: int) -> NDArray[np.int64]:
         return np.arange(CHANNELS) + GEOMETRY * self.projectors + CHANNELS * projector
+
+    @property
+    def all_gains(self) -> NDArray[np.int64]:
+        return np.arange(CHANNELS * self.projectors) + GEOMETRY * self.projectors
 
     @property
     def ambient(self) -> NDArray[np.int64]:
@@ -89,6 +96,12 @@ class Evidence:
     def scaled(self, factor: float) -> "Evidence":
         return Evidence(factor * self.H, factor * self.b, factor * self.c, factor * self.weight)
 
+    def ahead(self, change: FloatArray) -> "Evidence":
+        """Return the cost for a θ that has changed by `change` since: J(θ − change)."""
+        moved = self.H @ change
+        c = self.c + float(self.b @ change + 0.5 * change @ moved)
+        return Evidence(self.H, self.b + moved, c, self.weight)
+
     @classmethod
     def none(cls, size: int) -> "Evidence":
         return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
@@ -103,16 +116,18 @@ class Compared:
 
     scale : robust deviation of the residuals, in σ.
     outliers : share of the counted blocks that belong to foreign objects.
-    gain : median of measured over predicted light, (3,); NaN if too few blocks are bright.
+    gain : slope of measured over predicted light; NaN for a flat picture. Ambient light does not change it.
     brightness : mean of the predicted light, share of white.
+    coarse : error by rounded code values, share of white.
     agreement : correlation of measured and predicted light relative to the floodlight; NaN for a flat picture.
     """
 
     evidence: Evidence
     scale: float
     outliers: float
-    gain: FloatArray
+    gain: float
     brightness: float
+    coarse: float
     agreement: float
 
 
@@ -144,20 +159,20 @@ class Comparison:
     def ambient(self, theta: FloatArray) -> FloatArray:
         """Return e(θ), (blocks, 3)."""
         field = theta[self.layout.ambient].reshape(CHANNELS, self.layout.field)
-        return self._view.ambient + np.einsum("bfk,kf->bk", self._lit, field)
+        return self._view.ambient + self._view.texture * self._view.white * (self._hats @ field.T)
 
     def predicted(self, picture: FloatArray, theta: FloatArray) -> FloatArray:
         """Return the blocks' light under a shown picture, (blocks, 3)."""
         return self._view.seen(self.landed(picture, theta)) + self.ambient(theta)
 
     def compare(
-        self, exposed: Exposed, measured: FloatArray, theta: FloatArray, unclipped: BoolArray, noise: float
+        self, exposed: Exposed, measured: FloatArray, theta: FloatArray, unclipped: BoolArray, noise: FloatArray
     ) -> Compared:
         """Compare a capture with its prediction at θ.
 
         measured : (blocks, 3), in screen primaries.
         unclipped : (blocks,) bool. Blocks without saturated pixels.
-        noise : standard deviation of a block's mean, radiance.
+        noise : (blocks, 3). Error of a block's mean, radiance.
         """
         view, used = self._view, self._used
         landed = self.landed(exposed.picture, theta)
@@ -173,26 +188,24 @@ class Comparison:
             (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2 + late**2
         )[used]
         residual = ((measured - predicted)[used]) / sigma
-        scale, weights, outliers = self._weights(residual, unclipped[used])
-        H, b = np.zeros((self.layout.size,) * 2), np.zeros(self.layout.size)
         camera = self._camera(predicted)
-        for channel in range(CHANNELS):
-            places, columns = self._columns(channel, moves, lights, theta, camera)
-            J = columns[used] / sigma[:, channel, None]
-            weighted = weights[:, None] * J
-            H[np.ix_(places, places)] += weighted.T @ J
+        columns = [self._columns(channel, moves, lights, theta, camera) for channel in range(CHANNELS)]
+        J = [each[used] / sigma[:, channel, None] for channel, (_, each) in enumerate(columns)]
+        unexplained = self._unexplained(residual, J, [places for places, _ in columns], unclipped[used])
+        scale, weights, outliers = self._weights(unexplained, unclipped[used])
+        H, b = np.zeros((self.layout.size,) * 2), np.zeros(self.layout.size)
+        for channel, (places, _) in enumerate(columns):
+            weighted = weights[:, None] * J[channel]
+            H[np.ix_(places, places)] += weighted.T @ J[channel]
             b[places] += weighted.T @ residual[:, channel]
         c = 0.5 * float(np.sum(weights[:, None] * residual**2))
-        start = theta.copy()
-        c = c + b @ start + 0.5 * float(start @ H @ start)
-        found = Evidence(H, b + H @ start, float(c), float(weights.sum())).scaled(1 / scale**2)
-        bright = (light[used] > 0.05 * view.white).all(axis=1) & (weights > 0)
-        gain = np.full(3, np.nan)
-        if bright.sum() >= 20:
-            gain = np.median((measured - ambient)[used][bright] / light[used][bright], axis=0)
+        c += float(b @ theta + 0.5 * theta @ H @ theta)
+        found = Evidence(H, b + H @ theta, c, float(weights.sum())).scaled(1 / scale**2)
+        gain = _slope(light[used], (measured - ambient)[used], weights)
         shares = [np.mean(each[used] / (view.flood + view.ambient)[used], axis=1) for each in (measured, predicted)]
         agreement = float(np.corrcoef(*shares)[0, 1]) if shares[1].std() > FLAT else np.nan
-        return Compared(found, scale, outliers, gain, float(light[used].mean() / view.white), agreement)
+        brightness, coarse = (float(each[used].mean() / view.white) for each in (light, noise))
+        return Compared(found, scale, outliers, gain, brightness, coarse, agreement)
 
     def misfit(self, exposed: Exposed, measured: FloatArray, theta: FloatArray) -> float:
         """Return a robust mean of the residuals, for comparing distant θ: each counts at most as much as an outlier."""
@@ -200,19 +213,41 @@ class Comparison:
         residual = (measured - self.predicted(exposed.picture, theta))[used] / (FAR * view.white)
         return float(np.mean(np.minimum(residual**2, 1)))
 
+    def _unexplained(
+        self, residual: FloatArray, J: list[FloatArray], places: list[NDArray[np.int64]], told: BoolArray
+    ) -> FloatArray:
+        """Return the residuals that no movement, lamp or even ambient light explains, (used blocks, channels).
+
+        Otherwise every change of the whole room would look like a foreign object.
+        """
+        layout = self.layout
+        even = np.zeros((layout.size, layout.size))
+        kept = np.concatenate([layout.all_geometry, layout.all_gains])
+        even[kept, kept] = 1
+        for cells in layout.ambient.reshape(CHANNELS, layout.field):
+            even[cells, cells[0]] = 1
+        even = even[:, even.any(axis=0)]
+        Z = [each @ even[where] for each, where in zip(J, places, strict=True)]
+        fitted = _fitted(Z, residual, told, np.zeros(even.shape[1]), _huber)
+        starts = [_fitted(Z, residual, told, start, _redescending) for start in (np.zeros_like(fitted), fitted)]
+        left = [residual - np.stack([z @ x for z in Z], axis=1) for x in starts]
+        scale = min(_scale(each[told]) for each in left)
+        cost = [float(np.sum(each[told] ** 2 * np.sqrt(_redescending(each[told] / scale)))) for each in left]
+        return left[int(cost[1] < cost[0])]
+
     def _weights(self, residual: FloatArray, unclipped: BoolArray) -> tuple[float, FloatArray, float]:
         """Return the robust scale, the weight of each used block, and the share of foreign blocks."""
         size = np.sqrt(np.mean(residual**2, axis=1))
         told = size[unclipped]
-        scale = max(float(MAD_TO_SIGMA * np.median(np.abs(residual[unclipped]))), 0.1) if told.size else 1.0
-        weights = unclipped / (1 + (size / (SCALE * scale)) ** 2) ** 2
+        scale = _scale(residual[unclipped]) if told.size else 1.0
+        weights = unclipped * _redescending(size / scale)
         foreign = np.zeros(self._view.blocks.count, np.bool_)
         foreign[self._used] = size > OUTLIER * scale
         grid = foreign.reshape(self._view.shape)
         labels, count = ndimage.label(grid, np.ones((3, 3)))
         sizes = np.bincount(labels.ravel(), minlength=count + 1)
         large = (sizes >= REGION)[labels] & grid
-        around = ndimage.binary_dilation(large, np.ones((3, 3)), iterations=2).ravel()[self._used]
+        around = ndimage.binary_dilation(large, np.ones((3, 3), np.bool_), iterations=2).ravel()[self._used]
         weights = np.where(around, 0, weights)
         return scale, np.asarray(weights), float(around.mean())
 
@@ -236,11 +271,8 @@ class Comparison:
         for channel in range(CHANNELS):
             right, down = slopes[number][..., channel].reshape(-1, 2).T / view.factor
             along = right * u[:, 0] + down * u[:, 1]
-            whole[index] = np.stack(
-                [right, down, right * u[:, 0], right * u[:, 1], down * u[:, 0], down * u[:, 1]]
-                + [-along * u[:, 0], -along * u[:, 1]],
-                axis=1,
-            )
+            shift, stretch = [right, down], [slope * u[:, i] for slope in (right, down) for i in range(2)]
+            whole[index] = np.stack([*shift, *stretch, -along * u[:, 0], -along * u[:, 1]], axis=1)
             found[channel] = view.near(whole, channel)
         return found
 
@@ -266,19 +298,65 @@ class Comparison:
         return alone
 
     def _camera(self, predicted: FloatArray) -> FloatArray:
-        """Return the derivative by a shift and a turn of the camera, (channels, blocks, 3)."""
-        rows, columns = self._view.shape
-        picture = predicted.reshape(rows, columns, CHANNELS)
-        down, right = np.gradient(picture, axis=(0, 1))
+        """Return the derivative by a shift and a turn of the camera, (channels, blocks, 3), per camera pixel.
+
+        The light is (F + e) I, with the floodlit room F, whose texture moves, and the smooth rest I.
+        """
+        view, (rows, columns) = self._view, self._view.shape
+        floodlit = view.flood + view.ambient
+        share = np.where(floodlit > 0, predicted / np.maximum(floodlit, 1e-12), 0)
+        smooth = np.gradient(share.reshape(rows, columns, CHANNELS), axis=(1, 0))
+        right, down = (
+            share * slope + floodlit * change.reshape(-1, CHANNELS) / view.blocks.side
+            for slope, change in zip(view.slopes, smooth, strict=True)
+        )
         y, x = (np.mgrid[:rows, :columns] + 0.5 - np.array([rows, columns])[:, None, None] / 2) / max(rows, columns) * 2
-        turn = down * x[..., None] - right * y[..., None]
-        return np.stack([right, down, turn], axis=-1).transpose(2, 0, 1, 3).reshape(CHANNELS, -1, CAMERA)
+        turn = down * x.reshape(-1, 1) - right * y.reshape(-1, 1)
+        return np.stack([right, down, turn], axis=-1).transpose(1, 0, 2)
 
     def _homography(self, number: int, theta: FloatArray) -> FloatArray:
         """Return M for positions in reduced pixels from the corner of the projector's picture."""
         box = self._view.boxes[number]
         unit = self._view.factor * self._halves[number]
         return homography(theta[self.layout.geometry(number)] / unit, (box.height, box.width))
+
+
+def _fitted(
+    Z: list[FloatArray],
+    residual: FloatArray,
+    told: BoolArray,
+    x: FloatArray,
+    weight: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Minimise a robust sum over channels k of |residual_k − Z_k x|, from x on. `told` are the blocks that count."""
+    for _ in range(ROUNDS):
+        left = residual - np.stack([z @ x for z in Z], axis=1)
+        weights = told[:, None] * weight(left / (_scale(left[told]) if told.any() else 1.0))
+        weighted = [weights[:, k, None] * z for k, z in enumerate(Z)]
+        H = sum((w.T @ z for w, z in zip(weighted, Z, strict=True)), np.zeros((x.size, x.size)))
+        b = sum((w.T @ residual[:, k] for k, w in enumerate(weighted)), np.zeros(x.size))
+        x = np.asarray(np.linalg.lstsq(H, b, rcond=1e-8)[0], np.float64)
+    return x
+
+
+def _scale(residual: FloatArray) -> float:
+    return max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), LEAST_SCALE)
+
+
+def _huber(residual: FloatArray) -> FloatArray:
+    return np.asarray(1 / np.maximum(np.abs(residual) / HUBER, 1))
+
+
+def _redescending(residual: FloatArray) -> FloatArray:
+    return np.asarray(1 / (1 + (residual / SCALE) ** 2) ** 2)
+
+
+def _slope(predicted: FloatArray, measured: FloatArray, weights: FloatArray) -> float:
+    """Return the slope of the regression of measured on predicted light, (blocks, channels); NaN for a flat picture."""
+    share = weights / max(float(weights.sum()), 1e-9)
+    x, y = (each - share @ each for each in (predicted, measured))
+    spread = float(np.sum(share @ x**2))
+    return float(np.sum(share @ (x * y))) / spread if spread > (FLAT * predicted.mean()) ** 2 > 0 else np.nan
 
 
 def _hats(shape: tuple[int, int], field: tuple[int, int]) -> FloatArray:
@@ -290,4 +368,4 @@ def _hats(shape: tuple[int, int], field: tuple[int, int]) -> FloatArray:
     for size, cells in zip(shape, field, strict=True):
         at = np.clip((np.arange(size) + 0.5) * cells / size - 0.5, 0, cells - 1)
         axes.append(np.maximum(0, 1 - np.abs(at[:, None] - np.arange(cells))))
-    return np.einsum("ri,cj->rcij", *axes).reshape(shape[0] * shape[1], -1)
+    return np.asarray(np.einsum("ri,cj->rcij", *axes).reshape(shape[0] * shape[1], -1))

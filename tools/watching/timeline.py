@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.unattended.watch_link import GRID, Light, Picture
+from counterlight.unattended.watch_link import Light, Picture
 
 KEPT_S = 120.0  # light that is remembered
 PICTURES_S = 3.0  # pictures that are remembered
@@ -20,8 +20,10 @@ MOST_LATENCY_S = 0.4
 STEPS_S = 0.004  # of the search for the latency
 CAPTURES = 150  # most captures of the search
 FEWEST = 8
-EXPLAINED = 0.5  # share of the changes that the best latency must explain
-CLEAR = 1.3  # factor by which latencies further away explain the changes worse
+EXPLAINED = 0.3  # share of the changes that the best latency must explain
+INDEPENDENT = 8  # independent numbers of a capture, of all its regions and channels
+CLEAR, SURE = 30.0, 9.0  # log likelihood ratios (χ²) of a latency further away, and of the deviation of the best
+AWAY = 3.0  # refreshes
 SAME = 2e-3  # change of the light, RMS of drive; less is no change
 
 
@@ -60,17 +62,19 @@ class Timeline:
 
     coarse : (3, regions, cells), from `RoomView.coarse`.
     exposure_s : E; None if it is unknown.
+    follows : whether captures arrive at the end of their exposure.
     """
 
-    def __init__(self, coarse: FloatArray, exposure_s: float | None, refresh_s: float) -> None:
+    def __init__(self, coarse: FloatArray, exposure_s: float | None, refresh_s: float, *, follows: bool) -> None:
         self._coarse, self._refresh_s = coarse, refresh_s
         self._given = exposure_s
         self._times: deque[float] = deque()
         self._lights: deque[NDArray[np.float32]] = deque()
         self._pictures: deque[Picture] = deque()
         self._captures: deque[tuple[float, FloatArray]] = deque(maxlen=CAPTURES)
-        widest = MOST_LATENCY_S / 2
-        self.latency = Latency(widest, exposure_s or 0.0, widest, known=False)
+        widest = 0.0 if follows else MOST_LATENCY_S / 2
+        self.latency = Latency(widest, exposure_s or 0.0, widest, known=follows)
+        self._follows = follows
 
     def light(self, light: Light) -> None:
         self._times.append(light.time_s)
@@ -93,22 +97,36 @@ class Timeline:
         last = time_s - self.latency.latency_s
         return Window(last - self.latency.exposure_s, last, self.latency.unsure_s)
 
+    def knows(self, window: Window) -> bool:
+        """Whether the pictures are known for all of a window and its uncertainty."""
+        return self._shown(window) is not None
+
     def seen(self, window: Window) -> Exposed | None:
-        """Return the picture of a window; None if it is not known for all of the window and its uncertainty."""
-        first, last = window.first_s - window.unsure_s, window.last_s + window.unsure_s
-        if not self._times or self._times[0] > first:
+        """Return the mean picture of a window; None if it is not known."""
+        found = self._shown(window)
+        if found is None:
             return None
-        times = np.array(self._times)
-        shown = self._changes(times, first, last)
-        pictures = [self._picture_of(time) for time in shown]
-        if any(picture is None for picture in pictures):
-            return None
-        drives = [picture.drive.astype(np.float32) for picture in pictures if picture is not None]
+        shown, pictures = found
+        drives = [picture.drive.astype(np.float32) for picture in pictures]
         early, mean, late = (
             _weighted(drives, shown, window.first_s + shift, window.last_s + shift)
             for shift in (-window.unsure_s, 0.0, window.unsure_s)
         )
         return Exposed(mean, (late - early) / 2)
+
+    def _shown(self, window: Window) -> tuple[list[float], list[Picture]] | None:
+        """Return the changes of the picture in a window and its uncertainty, and the pictures from then on."""
+        first, last = window.first_s - window.unsure_s, window.last_s + window.unsure_s
+        if not self._times or self._times[0] > first or not self._pictures:
+            return None
+        times = np.array(self._times)
+        shown, pictures = self._changes(times, first, last), list[Picture]()
+        for time_s in shown:
+            picture = self._picture_of(times, time_s)
+            if picture is None:
+                return None
+            pictures.append(picture)
+        return shown, pictures
 
     def _changes(self, times: FloatArray, first_s: float, last_s: float) -> list[float]:
         """Return the times of the frames that stand between two times, without frames equal to their predecessor."""
@@ -123,12 +141,11 @@ class Timeline:
     def _same(self, one: int, other: int) -> bool:
         return bool(np.abs(self._lights[one] - self._lights[other]).max() < SAME)
 
-    def _picture_of(self, time_s: float) -> Picture | None:
+    def _picture_of(self, times: FloatArray, time_s: float) -> Picture | None:
         """Return the picture of the frame shown at a time, or of an equal frame."""
         nearest = min(self._pictures, key=lambda picture: abs(picture.time_s - time_s), default=None)
         if nearest is None or nearest.time_s == time_s:
             return nearest
-        times = np.array(self._times)
         one, other = sorted(int(np.searchsorted(times, t, side="right")) - 1 for t in (nearest.time_s, time_s))
         if one < 0 or any(not self._same(i, one) for i in range(one + 1, other + 1)):
             return None
@@ -136,7 +153,7 @@ class Timeline:
 
     def find(self) -> None:
         """Estimate latency and exposure from the captures so far."""
-        if len(self._captures) < FEWEST or len(self._times) < 2:
+        if self._follows or len(self._captures) < FEWEST or len(self._times) < 2:
             return
         times = np.array([time for time, _ in self._captures])
         told = times > self._times[0] + MOST_LATENCY_S + self._refresh_s
@@ -149,15 +166,15 @@ class Timeline:
         lags, exposures = np.arange(0.0, MOST_LATENCY_S, STEPS_S), self._exposures()
         integral = _Integral(np.array(self._times), np.stack(self._lights))
         costs = np.array([[self._cost(integral, times[told], differences, L, E) for L in lags] for E in exposures])
-        best = np.unravel_index(np.argmin(costs), costs.shape)
-        least, lag = float(costs[best]), lags[best[1]]
-        unsure = max(self._refresh_s / 4, STEPS_S)
-        away = np.abs(lags - lag) > 3 * self._refresh_s
-        clear = least < (1 - EXPLAINED) * total and costs[best[0], away].min() > CLEAR * least
-        if clear:
-            near = costs[best[0]] < 1.1 * least
-            unsure = max(unsure, float(np.ptp(lags[near])) / 2)
-            self.latency = Latency(float(lags[near].mean()), float(exposures[best[0]]), unsure, known=True)
+        number, lag = np.unravel_index(np.argmin(costs), costs.shape)
+        least, along = float(costs[number, lag]), costs[number]
+        worse = INDEPENDENT * len(differences) * np.log(along / max(least, 1e-30))
+        away = np.abs(lags - lags[lag]) > AWAY * self._refresh_s
+        if least > (1 - EXPLAINED) * total or worse[away].min() < CLEAR:
+            return
+        near = lags[worse < SURE]
+        unsure = max(self._refresh_s / 4, STEPS_S, float(np.ptp(near)) / 2)
+        self.latency = Latency(float(near.mean()), float(exposures[number]), unsure, known=True)
 
     def _exposures(self) -> FloatArray:
         if self._given is not None:
@@ -196,7 +213,3 @@ def _weighted(drives: list[NDArray[np.float32]], shown: list[float], first_s: fl
     edges[0] = first_s
     weights = np.diff(edges) / (last_s - first_s)
     return np.asarray(sum(weight * drive for weight, drive in zip(weights, drives, strict=True)), np.float64)
-
-
-def cells() -> int:
-    return GRID[0] * GRID[1]

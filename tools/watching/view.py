@@ -20,6 +20,7 @@ from counterlight.maps.chain import Chain
 from counterlight.maps.mixing import mixed
 from counterlight.maps.row_map import SparseRows
 from counterlight.raster import Region
+from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.registration import lit
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.transport.transport import Csr, Transport, channels, luminance, stacked
@@ -28,6 +29,7 @@ from counterlight.unattended.watch_link import GRID, Box, reduced_boxes
 MOST_BLOCKS = 5000
 FEWEST_BLOCKS = 50
 WHOLE = 0.99  # share of a block's light that must come from inside the rasters
+MASKED = 255  # value of OpenCV's masks
 SURROUNDINGS = 0.05  # σ of the surroundings of a paint's texture, share of the camera's longer side
 TEXTURE = 0.02, 4.0  # limits of the paint's texture
 
@@ -54,10 +56,16 @@ class Blocks:
         return self.rows * self.columns
 
     def means(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the mean of each block: (height, width, 3) -> (blocks, 3)."""
+        """Return the mean of each block: (height, width, channels) or (height, width) -> (blocks, channels)."""
         inside = np.ascontiguousarray(picture[: self.rows * self.side, : self.columns * self.side])
         size = self.columns, self.rows
         return np.asarray(cv2.resize(inside, size, interpolation=cv2.INTER_AREA), np.float32).reshape(self.count, -1)
+
+    def unclipped(self, shot: Shot) -> BoolArray:
+        """Return the blocks without a pixel at the top of the camera's range, (blocks,) bool."""
+        below = int(np.iinfo(shot.dtype).max) - 1
+        fits = cv2.inRange(shot, (0,) * 3, (below,) * 3) if shot.ndim == 3 else cv2.inRange(shot, 0, below)
+        return np.asarray(self.means(fits.astype(np.float32))[:, 0] == MASKED)
 
     def averaging(self, shape: tuple[int, int]) -> Csr:
         """Return B, (blocks, camera pixels)."""
@@ -74,6 +82,7 @@ class RoomView:
     transport : B T R, (blocks, reduced pixels).
     ambient, flood, white : B e (blocks, 3), B T 1 (blocks, 3), and the radiance of white.
     paint : (camera height, camera width, 3) float16. Texture that the light of the room takes on.
+    slopes : (blocks, 3) each. Gradient of the floodlit room, right and down, per camera pixel.
     boxes : region of each projector in the reduced picture.
 
     Raises InputError if too few blocks see the projectors.
@@ -98,7 +107,10 @@ class RoomView:
                 [self.blocks.means(np.ascontiguousarray(B_pixel[..., i : i + 3])) for i in (0, 3, 6)], axis=1
             ).reshape(-1, 3, 3)
         self.flood = self.seen(np.ones((*self.raster, 3)))
-        self.paint = _paint(np.asarray(tier.mixing.seen(flood) + tier.ambient), room)
+        floodlit = np.asarray(tier.mixing.seen(flood) + tier.ambient)
+        self.paint = _paint(floodlit, room)
+        down, right = np.gradient(floodlit, axis=(0, 1))
+        self.slopes = [self.blocks.means(each.astype(np.float32)).astype(np.float64) for each in (right, down)]
         self.texture = self.blocks.means(self.paint.astype(np.float32)).astype(np.float64)
         self.counted = self._counted(room)
         if self.counted.sum() < FEWEST_BLOCKS:
@@ -163,13 +175,13 @@ class RoomView:
         """The blocks of each camera."""
         found = []
         for number in range(len(self.room.views)):
-            share = self.blocks.means(np.repeat(self.room.pixels_of(number)[..., None], 3, axis=2).astype(np.float32))
+            share = self.blocks.means(self.room.pixels_of(number).astype(np.float32))
             found.append(share[:, 0] > 0.5)
         return found
 
     def _counted(self, room: Calibration) -> BoolArray:
         """Return the blocks inside the mask that are lit from inside the rasters, away from their borders."""
-        mask = self.blocks.means(np.repeat(room.mask[..., None], 3, axis=2).astype(np.float32))[:, 0]
+        mask = self.blocks.means(room.mask.astype(np.float32))[:, 0]
         inner = np.zeros((*self.raster, 3))
         for box in self.boxes:
             edge = max(2, round(0.03 * max(box.width, box.height)))

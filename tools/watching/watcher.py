@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import FloatArray
 from counterlight.pipeline.drift import Moved
 from counterlight.raster import Shape
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.registration import homography
 from counterlight.tools.watching.estimate import STILL_AMBIENT, STILL_LIGHT, STILL_PX, WORTH, Estimate, Found
 from counterlight.tools.watching.evidence import CHANNELS, FIELD, Compared, Comparison
@@ -20,6 +21,9 @@ from counterlight.tools.watching.view import RoomView, regional
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation
 
 LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
+OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
+SAME_S = 1.0  # the same between captures of one picture
+RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
 CHANGED = 0.02  # RMS change of the light of a film that changes
@@ -27,10 +31,14 @@ SILENT_S = 3.0  # without captures
 STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the prediction
 EXPOSURES = 12  # captures that tell an automatic exposure
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
-GAIN, FARTHEST = (0.5, 1.15), 0.02  # limits of corrections: light, and corners as a share of the longer side
+GAIN, FARTHEST, FARTHEST_PX = (0.5, 1.15), 0.02, 4.0  # limits: light, corners as a share of the longer side, or pixels
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
+ROUNDED = 0.3  # code values
+BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
+UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
-SEARCH_EVERY_S, MISFITTING, SEARCHED = 1.0, 0.15, (2.0, 1.0, 0.5)  # of a jump: share of outliers, steps in pixels
+MISFITTING, SEARCHED = 0.05, (2.0, 1.0, 0.5)  # share of outliers that starts the search of a jump; steps in pixels
+SEARCH_S = 1.0, 30.0  # between two searches; doubles after each search in vain
 MUCH_BETTER = 0.7  # factor by which a jump must reduce the misfit
 
 
@@ -48,23 +56,29 @@ class Watcher:
     """Watches one room.
 
     exposure_s : exposure of the captures; None if unknown.
+    follows : whether a capture arrives at the end of its exposure.
     """
 
-    def __init__(self, view: RoomView, exposure_s: float | None, refresh_s: float) -> None:
+    def __init__(self, view: RoomView, exposure_s: float | None, refresh_s: float, *, follows: bool = False) -> None:
         self._view, self._comparison = view, Comparison(view)
         self._estimate = Estimate(self._comparison.layout)
         coarse, self._region = view.coarse
-        self._timeline = Timeline(coarse, exposure_s, refresh_s)
+        self._timeline = Timeline(coarse, exposure_s, refresh_s, follows=follows)
         self._situation = Situation()
         self._taken: deque[_Taken] = deque(maxlen=30)
         self._last: tuple[float, FloatArray, NDArray[np.float32] | None] | None = None
         self._light: NDArray[np.float32] | None = None
+        self._compared_light: NDArray[np.float32] | None = None
         self._same = self._captures = 0
         self._rejected: Counter[str] = Counter()
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
-        self._frame_s, self._capture_s = -np.inf, -np.inf
-        self._jumped = False
+        self._frame_s = self._capture_s = self._compared_s = -np.inf
+        self._history: deque[FloatArray] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
+        self._applied = self._estimate.applied
+        self._unclear_s = np.inf
+        self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
+        self._jumped, self._rest_s = False, SEARCH_S[0]
 
     def light(self, light: Light) -> None:
         self._timeline.light(light)
@@ -76,17 +90,16 @@ class Watcher:
     def situation(self, situation: Situation) -> None:
         self._situation = situation
 
-    def tells(self, time_s: float) -> bool:
-        """Whether the frames that a capture at `time_s` saw are known."""
-        return self._timeline.seen(self._timeline.window(time_s)) is not None
+    def wants(self, time_s: float) -> bool:
+        """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
+        if time_s - self._capture_s > (RARE_S if self._timeline.latency.known else LOOKING_S):
+            return True
+        pause_s = SAME_S if self._light is self._compared_light else self._pause_s
+        return time_s - self._compared_s > pause_s and self._timeline.knows(self._timeline.window(time_s))
 
-    def capture(self, time_s: float, radiance: NDArray[np.float32], saturated: BoolArray) -> None:
-        """Take a capture that arrived at `time_s`.
-
-        radiance : (camera height, camera width, 3).
-        saturated : (camera height, camera width) bool.
-        """
-        measured = self._view.measured(radiance)
+    def capture(self, time_s: float, shot: Shot, exposures: Exposures) -> None:
+        """Take a capture that arrived at `time_s`; `exposures` converts its code values to radiance."""
+        measured = self._view.measured(exposures.radiance([shot]))
         self._capture_s = time_s
         if self._stands_still(time_s, measured):
             self._rejected["identical"] += 1
@@ -104,37 +117,46 @@ class Watcher:
         if float(np.sqrt(np.mean(exposed.change**2))) > CUT:
             self._rejected["cut"] += 1
             return
-        self._compare(time_s, exposed, measured, saturated)
+        self._compare(time_s, exposed, measured, shot, exposures)
 
     def answer(self, now_s: float) -> Answer:
         """Return the correction to apply, and why."""
         state, reason = self._state(now_s)
-        step_s = min(now_s - self._answered_s, 1.0)
+        estimate, step_s = self._estimate, min(now_s - self._answered_s, 1.0)
+        if state in ("camera moved", "camera changed") and self._history:
+            estimate.applied = self._applied = self._history[0]  # from before the camera changed
+            self._history.clear()
+        elif now_s - self._answered_s >= FIND_EVERY_S:
+            self._history.append(self._applied)
+        if state == "correcting" and self._found is not None:
+            estimate.applied = self._found.theta
+        if state in ("correcting", "holding"):
+            self._approach(estimate.applied, step_s)
         self._answered_s = now_s
-        if state == "correcting":
-            assert self._found is not None
-            self._apply(self._found.theta, step_s)
-        estimate, latency = self._estimate, self._timeline.latency
+        latency = self._timeline.latency
         return Answer(
             state,
             reason,
-            self._projected(estimate.applied),
-            self._field(estimate.applied),
+            self._projected(self._applied),
+            self._field(self._applied),
             self._confidence(),
             latency.latency_s if latency.known else 0.0,
             self._captures,
             dict(self._rejected),
         )
 
-    def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, saturated: BoolArray) -> None:
-        clipped = self._view.blocks.means(np.repeat(saturated[..., None], 3, axis=2).astype(np.float32))[:, 0] > 0
-        compared = self._comparison.compare(exposed, measured, self._estimate.theta, ~clipped, 0.0)
+    def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
+        unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, measured)
+        compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
         taken = _Taken(time_s, exposed, measured, compared)
-        if compared.outliers > MISFITTING and time_s - self._searched_s > SEARCH_EVERY_S:
-            self._searched_s = time_s
+        if compared.outliers < MISFITTING:
+            self._rest_s = SEARCH_S[0]
+        elif time_s - self._searched_s > self._rest_s:
+            self._searched_s, self._rest_s = time_s, min(2 * self._rest_s, SEARCH_S[1])
             if self._jump(taken):
-                compared = self._comparison.compare(exposed, measured, self._estimate.theta, ~clipped, 0.0)
+                compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
                 taken = _Taken(time_s, exposed, measured, compared)
+        self._compared_s, self._compared_light = time_s, self._light
         previous = self._taken[-1].exposed.picture if self._taken else None
         self._taken.append(taken)
         self._captures += 1
@@ -204,45 +226,51 @@ class Watcher:
                 known = self._timeline.latency.known
                 return "looking", "" if known else "the film has not yet told when the camera sees a frame"
             return "holding", "too few captures"
-        return self._state_of(self._found)
+        return self._state_of(self._found, now_s)
 
-    def _state_of(self, found: Found) -> tuple[str, str]:
-        if found.camera:
+    def _state_of(self, found: Found, now_s: float) -> tuple[str, str]:
+        if found.camera is not None and found.camera > WORTH:
             return "camera moved", "the camera has moved: put it back, or acquire again"
         beyond = self._beyond(found.theta)
-        if beyond:
-            return "acquire again", beyond
+        if beyond is not None:
+            return beyond
         if np.array_equal(found.theta, self._estimate.applied):
             return "holding", "nothing has changed" if min(found.known) == 1 else "the film says too little"
         if found.better < WORTH:
             return "holding", "a correction would not predict other captures better"
+        places = self._comparison.layout.all_geometry
+        moves = np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX
+        unclear = moves and found.camera is not None and found.camera > -WORTH
+        self._unclear_s = min(self._unclear_s, now_s) if unclear else np.inf
+        if now_s - self._unclear_s < UNCLEAR_S and unclear:
+            return "holding", "it is unclear whether the camera or a projector has moved"
         return "correcting", self._changes(found.theta)
 
     def _automatic(self) -> bool:
         """Whether the gain of the captures follows the brightness of the film."""
-        told = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain).all()]
+        told = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain)]
         if len(told) < EXPOSURES:
             return False
-        gain, light = (
-            np.log([value for value in values])
-            for values in zip(
-                *((max(float(each.gain.mean()), 1e-3), max(each.brightness, 1e-3)) for each in told), strict=True
-            )
-        )
+        gain = np.log([max(each.gain, 1e-3) for each in told])
+        light = np.log([max(each.brightness, 1e-3) for each in told])
         if gain.std() < AUTOMATIC[1] or light.std() < AUTOMATIC[1]:
             return False
         return float(np.corrcoef(gain, light)[0, 1]) < -AUTOMATIC[0]
 
-    def _beyond(self, theta: FloatArray) -> str:
+    def _beyond(self, theta: FloatArray) -> tuple[str, str] | None:
+        """Return the state and the reason if θ exceeds the limits of corrections."""
         for number, device in enumerate(self._view.room.projectors):
             name = "the projector" if len(self._view.boxes) == 1 else f"projector {number + 1}"
             far = float(np.hypot(*self._moved(theta, number).at_corners(device).T).max())
-            if far > FARTHEST * max(device.shape):
-                return f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
+            if far > max(FARTHEST * max(device.shape), FARTHEST_PX):
+                return "acquire again", f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
             gain = 1 + theta[self._comparison.layout.gain(number)]
-            if not (GAIN[0] <= gain.min() and gain.max() <= GAIN[1]):
-                return f"{name}'s light is {gain.mean():.0%} of what it was: acquire again"
-        return ""
+            if gain.max() > GAIN[1]:
+                said = f"{name} seems {gain.mean():.0%} as bright as calibrated"
+                return "camera changed", f"{said}: set the camera's exposure and gain as for the calibration"
+            if gain.min() < GAIN[0]:
+                return "acquire again", f"{name}'s light is {gain.mean():.0%} of what it was: acquire again"
+        return None
 
     def _changes(self, theta: FloatArray) -> str:
         said, layout = [], self._comparison.layout
@@ -254,20 +282,20 @@ class Watcher:
             gain = theta[layout.gain(number)]
             if np.abs(gain).max() >= STILL_LIGHT:
                 said.append(f"{name}'s light is {1 + gain.mean():.1%} of what it was")
-        if np.abs(theta[layout.ambient]).max() >= STILL_AMBIENT:
-            said.append(f"the room's light has changed by {theta[layout.ambient].mean():.1%} of white")
+        room_light = float(theta[layout.ambient].mean())
+        if abs(room_light) >= STILL_AMBIENT:
+            said.append(f"the room's light has changed by {room_light:.1%} of white")
         return "; ".join(said) or "back to the calibration"
 
-    def _apply(self, theta: FloatArray, step_s: float) -> None:
+    def _approach(self, theta: FloatArray, step_s: float) -> None:
         """Move the applied θ towards θ, at the largest allowed speed."""
-        estimate, layout = self._estimate, self._comparison.layout
-        change = theta - estimate.applied
+        layout, change = self._comparison.layout, theta - self._applied
         px = float(np.abs(change[layout.all_geometry]).max())
-        light = float(np.abs(np.delete(change, np.concatenate([layout.all_geometry, layout.camera]))).max())
+        light = float(np.abs(change[np.concatenate([layout.all_gains, layout.ambient])]).max())
         share = min(1.0, PX_PER_S * step_s / max(px, 1e-9), LIGHT_PER_S * step_s / max(light, 1e-9))
         if self._jumped or px > JUMP_PX:
             share, self._jumped = 1.0, False
-        estimate.applied = estimate.applied + share * change
+        self._applied = self._applied + share * change
 
     def _moved(self, theta: FloatArray, number: int) -> Moved:
         device, layout = self._view.room.projectors[number], self._comparison.layout
@@ -299,6 +327,13 @@ class Watcher:
             return 0.0
         outliers = np.mean([each.compared.outliers for each in self._taken]) if self._taken else 1.0
         return float(np.mean(self._found.known) * (1 - outliers))
+
+
+def _rounding(exposures: Exposures, shot: Shot, measured: FloatArray) -> FloatArray:
+    """Return the error of radiance (blocks, 3) by rounded code values, which noise may be too weak to blur."""
+    codes = np.arange(int(np.iinfo(shot.dtype).max) + 1, dtype=shot.dtype)
+    light = exposures.radiance([codes[None]])[0, :, 0].astype(np.float64)
+    return np.asarray(ROUNDED * np.interp(measured, light, np.gradient(light)))
 
 
 def _rms(values: NDArray[np.floating]) -> float:
