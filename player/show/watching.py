@@ -30,6 +30,7 @@ from counterlight.unattended.watch_link import (
     Projected,
     Situation,
     Start,
+    farthest_px,
     reduced_boxes,
 )
 from counterlight.unattended.watcher import Watcher
@@ -38,7 +39,7 @@ BURST, BURST_EVERY_S = 4, 0.8  # pictures of consecutive frames, and the time be
 STANDS_S = 0.2  # the picture of a frame that stays this long is sent, even between bursts
 SETTLED_S = 0.004  # time for a GPU to draw the copies, so that reading them does not wait
 KEPT_EVERY_S, MOST_KEPT = 20.0, 2160  # rows of the history: twelve hours
-FARTHEST, GAIN = 0.02, (0.5, 1.5)  # limits of a correction: corners in longer sides, light
+GAIN = 0.5, 1.5  # limits of the light of a correction
 MOST_CELLS = 12, 16
 FAULTS = "no camera", "not the room", "camera moved", "camera changed", "acquire again"  # states that are reported
 AGAIN_S = 600.0  # shortest time until the same state is reported again
@@ -283,8 +284,10 @@ def moved_of(found: Projected, device: Device) -> Moved:
         raise ValueError(f"gain {found.gain}, expected {GAIN[0]} to {GAIN[1]}")
     moved.check(device)
     farthest = float(np.abs(moved.at_corners(device)).max())
-    if not farthest <= FARTHEST * max(device.shape):
-        raise ValueError(f"corners {farthest:.1f} pixels from the calibration, expected at most {FARTHEST:.0%}")
+    if not farthest <= farthest_px(device.shape):
+        raise ValueError(
+            f"corners {farthest:.1f} pixels from the calibration, expected {farthest_px(device.shape):.1f}"
+        )
     return moved
 
 

@@ -21,6 +21,7 @@ GRID = 6, 8  # rows and columns of `Light.grid`
 MOST_BYTES = 1 << 26  # limit of a message; a larger one is damage
 FACTOR, NARROWEST = 4, 96  # reduction of pictures, and the least width that remains
 PAINT = "paint.npy"
+FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share of the longer side, at least these pixels
 STATES = (
     "starting",  # reads the calibration, or opens the camera
     "looking",  # finds out when the camera sees a frame
@@ -188,6 +189,11 @@ class Unpacker:
             body = bytes(self._waiting[HEADER.size : end])
             del self._waiting[:end]
             yield _READ[kind](json.loads(body[:head]), body[head:])
+
+
+def farthest_px(shape: tuple[int, int]) -> float:
+    """Return how far the corners of a projector's picture may be corrected."""
+    return max(FARTHEST * max(shape), FARTHEST_PX)
 
 
 def factor_of(width: int) -> int:

@@ -18,7 +18,7 @@ from counterlight.tools.watching.estimate import STILL_AMBIENT, STILL_LIGHT, STI
 from counterlight.tools.watching.evidence import CHANNELS, FIELD, Compared, Comparison
 from counterlight.tools.watching.timeline import Exposed, Timeline
 from counterlight.tools.watching.view import RoomView, regional
-from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation
+from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation, farthest_px
 
 LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
 OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
@@ -31,7 +31,7 @@ SILENT_S = 3.0  # without captures
 STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the prediction
 EXPOSURES = 12  # captures that tell an automatic exposure
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
-GAIN, FARTHEST, FARTHEST_PX = (0.5, 1.15), 0.02, 4.0  # limits: light, corners as a share of the longer side, or pixels
+GAIN = 0.5, 1.15  # limits of the light
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
 ROUNDED = 0.3  # code values
 BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
@@ -262,7 +262,7 @@ class Watcher:
         for number, device in enumerate(self._view.room.projectors):
             name = "the projector" if len(self._view.boxes) == 1 else f"projector {number + 1}"
             far = float(np.hypot(*self._moved(theta, number).at_corners(device).T).max())
-            if far > max(FARTHEST * max(device.shape), FARTHEST_PX):
+            if far > farthest_px(device.shape):
                 return "acquire again", f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
             gain = 1 + theta[self._comparison.layout.gain(number)]
             if gain.max() > GAIN[1]:
