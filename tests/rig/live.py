@@ -224,7 +224,7 @@ def live(
     rig = Rig(made, FAULTS["known"].devices)
     place = folder / f"{room}-{scale:g}"
     if not (place / "room").exists():
-        place.mkdir(parents=True)
+        place.mkdir(parents=True, exist_ok=True)
         product.acquire(rig, place, "--response", str(_response(rig, place)))
         product.build(place)
     product.forget(place)
@@ -318,8 +318,8 @@ def _judged(
         product.check(now, place, seed=number + 1)
         verified = product.show(place, still, *told).codes
         product.forget(place)
-        figures = (judge.figures(question, codes).psnr for codes in (each.codes, unwatched, verified))
-        yield Moment(each.time_s, *figures, each.state)
+        shown, without, after = (judge.figures(question, codes).psnr for codes in (each.codes, unwatched, verified))
+        yield Moment(each.time_s, shown, without, after, each.state)
 
 
 def _frame(rig: Rig, film: Film, seen: _Seen, white: float) -> int:

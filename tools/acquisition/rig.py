@@ -72,17 +72,17 @@ def open_rig(
 
 def _kind_of(cameras: Sequence[str]) -> tuple[str, list[str]]:
     """Returns the common kind (simulated, folder or a live kind) and the source of each camera."""
-    parted = [parted(camera) for camera in cameras]
-    for camera, (kind, source) in zip(cameras, parted, strict=True):
+    found = [parted(camera) for camera in cameras]
+    for camera, (kind, source) in zip(cameras, found, strict=True):
         if kind not in (*LIVE, "simulated", "folder") or bool(source) != (kind != "gphoto2"):
             raise InputError(f"--camera {camera}: expected {CAMERAS}")
-        alone = kind == "folder" or (kind == "simulated") != (parted[0][0] == "simulated")
+        alone = kind == "folder" or (kind == "simulated") != (found[0][0] == "simulated")
         if alone and len(cameras) > 1:
             raise InputError(
                 f"--camera {camera}: cannot photograph together with others; acquire with each by itself, then: "
                 "counterlight join --cameras"
             )
-    return parted[0][0], [source for _, source in parted]
+    return found[0][0], [source for _, source in found]
 
 
 def parted(camera: str) -> tuple[str, str]:
