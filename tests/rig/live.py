@@ -36,7 +36,7 @@ from tests.screens import one_screen
 LOOK_S = 0.008  # between two looks at the screen
 KEPT_S = 2.0  # of displayed frames
 CAPTURES = 4  # files that stay in the folder
-STEPS = 8  # of refinement, in the show and in what it is compared with
+STEPS = 2  # of refinement, in the show and in what it is compared with
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
 NEARBY = 4  # frames around the stated position that a displayed picture may show
 
@@ -242,6 +242,7 @@ def live(
         watched.rig_at(origin + later_s).seen(np.zeros((*rig.raster, 3), np.uint8))
     captures = place / "captures"
     captures.mkdir(exist_ok=True)
+    (place / "show.socket").unlink(missing_ok=True)  # of a player that was killed
     seen = list(
         _played(place, path, rig, watched, event, camera, began, white, warm_s, after_s, watch=watch, film=film)
     )
