@@ -35,7 +35,7 @@ from counterlight.show.from_options import (
 from counterlight.show.media import Media
 from counterlight.show.options import OPTIONS, WITHOUT_COMPENSATION
 from counterlight.show.playlist import Playlist, files_of
-from counterlight.show.polled import checks_of, in_step_of, lamps_of
+from counterlight.show.polled import checks_of, in_step_of, lamps_of, watching_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.schedule_file import ScheduleFile
@@ -165,6 +165,7 @@ def play_in_window(
     farewell : called if the screen is lost, which ends the process.
     """
     from counterlight.gl import lost_screen
+    from counterlight.gl.monitors import refresh_s
     from counterlight.gl.renderer import WindowRenderer
 
     with ExitStack() as stack:
@@ -184,6 +185,7 @@ def play_in_window(
             remotes=remotes,
             heartbeat=heartbeat,
             checks=checks_of(options),
+            watching=watching_of(options, session, lambda: refresh_s(window.monitor), stack),
             polled=in_step_of(options, session, stack),
             lamps=lamps_of(options, stack),
             on_interrupt=lambda stats: None if options.stats is None else stats.write(options.stats),

@@ -8,7 +8,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Self
 
-from tests.desktop import playing
+from tests.desktop import ON_A_GPU, playing
 from tests.programs import PATIENCE_S, wait_until
 
 
@@ -63,11 +63,13 @@ class Client:
 
 
 @contextmanager
-def show(display: str, folder: Path, *arguments: object) -> Iterator[tuple[Any, Client]]:
+def show(
+    display: str, folder: Path, *arguments: object, how: tuple[str, ...] = ON_A_GPU
+) -> Iterator[tuple[Any, Client]]:
     """Start a player; yield its process and a client after the first frame."""
     path = folder / "show.socket"
     options = "--no-config", "--no-audio", "--control", path
-    with playing(display, *arguments, *options, folder=folder) as process:
+    with playing(display, *arguments, *options, folder=folder, how=how) as process:
         wait_until(path.exists, "the socket", process)
         client = Client(path)
         try:

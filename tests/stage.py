@@ -13,6 +13,7 @@ from counterlight.media.medium import Border, Medium
 from counterlight.overlay.osd import Page, Pointer
 from counterlight.overlay.outline import Outline, moved, outline_of
 from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.correction import Correction
 from counterlight.pipeline.device import PathReport
 from counterlight.pipeline.placement import Corners
 from counterlight.pipeline.refinement import Certificate
@@ -130,6 +131,7 @@ class Screen:
     prepared: list[str] = field(default_factory=list)
     fades: list[tuple[float, float]] = field(default_factory=list)
     uploaded_before: list[int] = field(default_factory=list)
+    corrections: list[Correction] = field(default_factory=list)
     released: bool = False
     path: PathReport = MEASURED
 
@@ -138,6 +140,16 @@ class Screen:
 
     def fade(self, level: float, weight: float = 0.0) -> None:
         self.fades.append((level, weight))
+
+    def correct(self, correction: Correction) -> None:
+        self.corrections.append(correction)
+
+    def copy_shown(self, boxes: Any, factor: int, grid: tuple[int, int]) -> Any:
+        """Return copies whose values are the number of the frame."""
+        shape, number = (boxes[0][3], boxes[0][2], 3), self.uploaded[-1]
+        return SimpleNamespace(
+            grid=lambda: np.full((*grid, 3), number, np.float32), picture=lambda: np.full(shape, number, np.float16)
+        )
 
     def upload_before(self, frame: Any) -> None:
         self.uploaded_before.append(frame.index)
@@ -218,6 +230,8 @@ class Stage:
         self.refinable, self.drifts = True, False
         self.drifted: dict[str, Any] | None = None
         self.outside: Callable[[Viewpoint], str | None] = lambda viewpoint: None
+        watching = options.pop("watching", None)  # makes the watching for a session
+        self.read_last: Any = None
         told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat", "checks") if name in options}
         governed = {name: options.pop(name) for name in GOVERNED if name in options}
         groups: dict[str, Any] = {"playing": Playing, "showing": Showing}
@@ -237,7 +251,7 @@ class Stage:
             **grouped,
             **options,
         )
-        self.show = Show(self.session, **told)
+        self.show = Show(self.session, watching=watching and watching(self), **told)
 
     @property
     def commands(self) -> Commands:

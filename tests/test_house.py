@@ -167,6 +167,7 @@ TOOL_ROOMS = {  # folders of the tools, and the folders that each may import
     "report": "acquisition clusters colour inverse relighting solve transport ways",
     "exports": "inverse transport",
     "pairs": "hdr transport",
+    "watching": "acquisition colour hdr transport",
     "study": "acquisition clusters colour inverse joining relighting report simulation solve transport",
 }
 

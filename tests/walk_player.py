@@ -16,7 +16,7 @@ from counterlight.show.from_options import adjustments_of, room_of
 from counterlight.show.registry import CommandError, Commands
 
 LOOPS_BETWEEN = 4
-NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "late-frames", "monitor")
+NOT_WATCHED = ("volume", "mute", "watch-freeze", "gap", "psnr", "frames", "dropped", "fps", "late-frames", "monitor")
 
 
 class Watcher:

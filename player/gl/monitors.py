@@ -24,6 +24,7 @@ WITHOUT_XWAYLAND = (
     "choose an X11 session at the login, or use --output FILE"
 )
 MANAGER = "_NET_SUPPORTING_WM_CHECK"
+USUAL_HZ = 60
 STARTS_S = 1.0  # a starting window manager needs milliseconds between the two properties
 
 
@@ -112,6 +113,12 @@ def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monit
                 return monitor
     there = "; ".join(map(str, monitors)) or "none is connected"
     raise InputError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
+
+
+def refresh_s(names: str) -> float:
+    """Return the period of the first of these monitors; 1/60 s if it is unknown."""
+    known = {monitor.name: monitor.refresh_hz for monitor in list_monitors()}
+    return 1 / (known.get(names.partition(", ")[0]) or USUAL_HZ)
 
 
 def refuse_shared(monitors: Sequence[Monitor]) -> None:

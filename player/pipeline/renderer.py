@@ -17,19 +17,19 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.passes.drawing import Canvas, Picture
-from counterlight.passes.moved import MovedDrive
 from counterlight.passes.shown_maps import Split
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import SceneCuts
+from counterlight.pipeline.correction import CorrectedDrive, Correction
 from counterlight.pipeline.damper import Damper
 from counterlight.pipeline.device import Device, Owner, Planes
-from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.placed import Crossfade, Placed
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Goal, Refiner
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.room_view import RoomView, Target
 from counterlight.pipeline.shortfall import Snapshot
+from counterlight.pipeline.shown_copies import ShownCopies
 from counterlight.pipeline.small_pictures import SmallPicture
 from counterlight.pipeline.stage_times import StageTimes
 from counterlight.pipeline.starts import Iterate, standing
@@ -58,6 +58,7 @@ class Renderer(Generic[Picture]):
         self._leaving: _Leaving[Picture] | None = None
         self._view = ""  # the view rendered last; empty since a medium was opened
         self._damper: Damper[Picture] | None = None
+        self._copies: ShownCopies[Picture] | None = None
         self._times = StageTimes(device.finish)
         try:
             self._build()
@@ -74,7 +75,10 @@ class Renderer(Generic[Picture]):
         self._blend = own(ViewBlend(device, self._room_views, projector))
         self._blend.start_from(room.start)
         self._stand(NEUTRAL.viewpoint)
-        self._moved = None if room.drift is None or not room.drift.moves else own(_Moved(device, room, room.drift))
+        drift = room.drift
+        self._moved: CorrectedDrive[Picture] | None = None
+        if drift is not None and drift.moves:
+            self._moved = own(CorrectedDrive(device, room, drift.projectors))
         self._projector_view = own(device.encoder(projector, calibration.response, 1.0, room.dither))
         self._camera_view = own(device.encoder(camera, Response("srgb").over(camera), room.white, "none"))
 
@@ -140,6 +144,18 @@ class Renderer(Generic[Picture]):
         if self._leaving is not None:
             for crossfade in self._leaving.crossfades:
                 crossfade.set(weight)
+
+    def correct(self, correction: Correction) -> None:
+        """Correct for a changed room from the next render on. Later calls allocate nothing.
+
+        The added light belongs to the first view.
+        """
+        if self._moved is None:
+            self._moved = self._owner.own(CorrectedDrive(self._device, self._room, correction.projectors))
+        self._moved.set(correction.projectors)
+        self._room_views[0].ambient.add(correction.ambient, correction.paint)
+        for room_view in self._room_views:
+            room_view.request.scale_white(correction.white)
 
     def end_crossfade(self) -> None:
         """Release the previous medium."""
@@ -270,6 +286,16 @@ class Renderer(Generic[Picture]):
         if not self._view or self._sent is None:
             return None
         return self._device.read(self._small_camera.run(self._main_view.observers[0].run(self._sent)), np.uint8)
+
+    def copy_shown(
+        self, boxes: Sequence[tuple[int, int, int, int]], factor: int, grid: tuple[int, int]
+    ) -> ShownCopies[Picture]:
+        """Draw small copies of the rendered drive (ShownCopies). They stay until the next call."""
+        if self._copies is None:
+            regions = self._room.calibration.regions
+            self._copies = self._owner.own(ShownCopies(self._device, regions, boxes, factor, grid))
+        self._copies.take(self._linear)
+        return self._copies
 
     def finish(self) -> None:
         """Wait until the device has computed everything."""
@@ -412,26 +438,6 @@ class _Leaving(Generic[Picture]):
         before = self.medium.planes.run()
         for crossfade in self.crossfades:
             crossfade.take(before)
-
-    def release(self) -> None:
-        self._owner.release()
-
-
-class _Moved(Generic[Picture]):
-    """Maps a drive to the shown drive, for projectors that have moved or changed their light."""
-
-    def __init__(self, device: Device[Picture], room: Room, drift: Drift) -> None:
-        self._owner = Owner()
-        own, calibration = self._owner.own, room.calibration
-        try:
-            self._projectors = own(device.picture(drift.table(calibration.regions)))
-            self._canvas = own(device.canvas(calibration.projector.shape))
-        except BaseException:
-            self.release()
-            raise
-
-    def run(self, drive: Picture) -> Picture:
-        return self._canvas.draw(MovedDrive(drive, self._projectors))
 
     def release(self) -> None:
         self._owner.release()

@@ -40,7 +40,7 @@ class Request(Generic[Picture]):
         self._maps, self._near_light, self._mixer = maps, near_light, mixer
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
         self._owner = Owner()
-        self._adjustments, self._level = NEUTRAL, 1.0
+        self._adjustments, self._level, self._room_white = NEUTRAL, 1.0, room.white
         own = self._owner.own
         try:
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
@@ -68,6 +68,10 @@ class Request(Generic[Picture]):
         """Scale the light: 0 is black, 1 is full."""
         self._level = level
 
+    def scale_white(self, factor: float) -> None:
+        """Set the radiance of a white picture to a multiple of the room's white. Pictures of radiance do not change."""
+        self._room_white = factor * self._room.white
+
     def adjust(self, adjustments: Adjustments) -> None:
         previous, self._adjustments = self._adjustments, adjustments
         self._placed.pin(adjustments.corners)
@@ -84,14 +88,14 @@ class Request(Generic[Picture]):
         """Return the target b = c − e of a decoded picture, limited to 0..T·1 if the maps bound it."""
         placed = self._placed.in_view(picture)
         tone = self._tone(placed) if self._toned else None
-        white = self._white if tone is None else self._level * self._room.white
+        white = self._white if tone is None else self._level * self._room_white
         squares = self._mixer.squares if self._room.maps.bounded else None
         made = Desired(placed, self._ambient, white, tone, self._full, mixed=self._mixer.rows, squares=squares)
         return self._desired.draw(made)
 
     def unbounded(self, picture: Picture) -> Picture:
         """Return c − e without limits, for the views that show errors."""
-        placed, white = self._placed.in_view(picture), self._level * self._room.white
+        placed, white = self._placed.in_view(picture), self._level * self._room_white
         made = Desired(placed, self._ambient, white, self._tone(placed), mixed=self._mixer.rows)
         return self._unbounded.draw(made)
 
@@ -121,7 +125,7 @@ class Request(Generic[Picture]):
     @property
     def _white(self) -> float:
         """Light of a placed picture's 1. With a tone, pictures count in shares of white instead."""
-        return self._level * (1.0 if self._placed.radiance else self._room.white)
+        return self._level * (1.0 if self._placed.radiance else self._room_white)
 
     @property
     def _toned(self) -> bool:

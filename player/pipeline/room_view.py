@@ -9,6 +9,7 @@ from typing import Generic, NamedTuple
 
 from counterlight.passes.drawing import Picture
 from counterlight.passes.product import Combining
+from counterlight.pipeline.correction import AmbientLight
 from counterlight.pipeline.device import ChainPass, Device, Owner, Product, StoredMaps
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
@@ -21,6 +22,7 @@ class RoomView(Generic[Picture]):
     """The maps and passes of one view.
 
     refiner : None without the maps of refinement.
+    ambient : the ambient light.
     request : computes the targets.
     views : draws the maps that can be shown.
     """
@@ -36,7 +38,8 @@ class RoomView(Generic[Picture]):
 
     def _build(self, device: Device[Picture]) -> None:
         own, maps = self._owner.own, self.room.maps
-        ambient = own(device.picture(self.room.ambient))
+        self.ambient = own(AmbientLight(device, self.room))
+        ambient = self.ambient.picture
         self.stored = own(device.store(self.room))
         undo = None if maps.undo is None else own(ChainPass(self.stored, maps.undo, "SUBTRACT_FROM_BASE"))
         self.near_light = NearLight(undo)

@@ -17,6 +17,7 @@ from counterlight.show.properties import TIME, playback_of, properties_of
 from counterlight.show.registry import Command, CommandError, Commands
 from counterlight.show.session import Session
 from counterlight.show.stats_page import position
+from counterlight.show.watching import Watching, watching_properties
 from counterlight.unattended.pjlink import Lamps
 from counterlight.writing.replacing import replacing_file
 
@@ -26,15 +27,21 @@ LOADS = Choice(("replace", "append", "append-play", "insert-next", "insert-next-
 
 
 def commands_of(
-    session: Session, check: Callable[[], object], checking: Callable[[], bool], lamps: Lamps | None = None
+    session: Session,
+    check: Callable[[], object],
+    checking: Callable[[], bool],
+    lamps: Lamps | None = None,
+    watching: Watching | None = None,
 ) -> Commands:
     """Return every command and property of a session.
 
     check : begins a check of the room.
     checking : whether a check is running.
     lamps : projectors that can be switched.
+    watching : calibration from the running film.
     """
-    return Commands(_commands(session, _Actions(session, lamps), check), properties_of(session, checking, lamps))
+    properties = properties_of(session, checking, lamps) | watching_properties(session, watching)
+    return Commands(_commands(session, _Actions(session, lamps), check), properties)
 
 
 def _commands(session: Session, do: "_Actions", check: Callable[[], object]) -> dict[str, Command]:

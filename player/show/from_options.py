@@ -27,6 +27,11 @@ def monitors_of(options: argparse.Namespace) -> list[str]:
     return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
 
 
+def cameras_of(options: argparse.Namespace) -> list[str]:
+    """Return the cameras of --watch. A settings file may name a single camera without a list."""
+    return [options.watch] if isinstance(options.watch, str) else options.watch or []
+
+
 def room_of(options: argparse.Namespace) -> Room:
     """Read the room from its calibration folder. Raises InputError if the folder or the options are contradictory."""
     white = None if options.white == "auto" else options.white

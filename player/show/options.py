@@ -97,6 +97,16 @@ def _address(**defaults: Any) -> Anything:
     return Anything(parse=read)
 
 
+def _times(word: str) -> tuple[float, ...]:
+    try:
+        times = tuple(float(each) for each in word.split(","))
+    except ValueError:
+        times = ()
+    if not times or not all(0 < each < 1e3 for each in times):
+        raise argparse.ArgumentTypeError(f"expected exposure times such as 0.01,0.04, found {word!r}")
+    return times
+
+
 def _device(word: str) -> str:
     if word.partition(":")[0] not in (PROCESSOR, ANY, *TYPES):
         raise argparse.ArgumentTypeError(f"expected {PROCESSOR}, {ANY} or one of {', '.join(TYPES)}, found {word!r}")
@@ -378,6 +388,17 @@ GROUPS: dict[str, dict[str, Option]] = {
             TEXT,
             value="'OPTIONS'",
         ),
+        "watch": _Window(
+            "calibrate the room from the running film with this camera of acquire; may be repeated (docs/watch.md)",
+            TEXT,
+            value="CAMERA",
+            common=True,
+            several=True,
+        ),
+        "exposures": _Window(
+            "set the exposure times of --watch in seconds", Anything(parse=_times), value="T,T…", stated="as calibrated"
+        ),
+        "watch-freeze": _Window("keep the correction of --watch as it is", FLAG, False),
         "remote": _Window(
             "serve a page for browsers",
             Anything(parse=partial(parse_address, port=PAGE_PORT)),

@@ -1,18 +1,22 @@
-"""Starts what the options ask to run next to a show: checks of the room, projector power, synchronised machines."""
+"""Starts what the options ask to run next to a show: checks of the room, the watcher, projectors, other machines."""
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 
 from counterlight.errors import InputError
-from counterlight.show.from_options import check_of
+from counterlight.show.from_options import cameras_of, check_of
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.schedule_file import read_schedule
 from counterlight.show.session import Session
+from counterlight.show.watching import Watching
 from counterlight.unattended.cues import Beacon, Listener
 from counterlight.unattended.pjlink import Lamps
 from counterlight.unattended.room_checks import RoomChecks
+from counterlight.unattended.watch_link import Start, factor_of
+from counterlight.unattended.watcher import Watcher
 
 
 def checks_of(options: argparse.Namespace) -> RoomChecks | None:
@@ -23,6 +27,36 @@ def checks_of(options: argparse.Namespace) -> RoomChecks | None:
     words, every_s = told
     verify = sys.executable, "-P", "-m", "counterlight", "verify", str(options.calibration), *words
     return RoomChecks(verify, every_s)
+
+
+def watching_of(
+    options: argparse.Namespace, session: Session, refresh_s: Callable[[], float], stack: ExitStack
+) -> Watching | None:
+    """Return the calibration from the running film, None without --watch. The stack removes the watcher's files.
+
+    refresh_s : period of the display.
+
+    Raises InputError for a room of several views, which see the picture from different places.
+    """
+    cameras, room = cameras_of(options), session.room.read_last
+    if not cameras:
+        return None
+    if room.others:
+        raise InputError("--watch: the room has several views; watch a room of one view, or leave it out")
+    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="counterlight-watch-"))
+    start = Start(
+        str(options.calibration),
+        tuple(cameras),
+        options.exposures or (),
+        factor_of(min(region.width for region in room.calibration.regions)),
+        refresh_s(),
+        folder,
+        room.maps.mixing.tier,
+    )
+    command = sys.executable, "-P", "-m", "counterlight.tools.watching"
+    watching = Watching(session, Watcher(command, session.notice), start, dims=options.white == "auto")
+    watching.freeze(options.watch_freeze)
+    return watching
 
 
 def lamps_of(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:

@@ -63,6 +63,11 @@ class RoomInUse:
         return self._survey[1].of(snapshot)
 
     @property
+    def read_last(self) -> Room:
+        """The room as it was read last."""
+        return self._room
+
+    @property
     def refinable(self) -> bool:
         """Whether the maps for refinement exist."""
         return all(each.maps.refinement is not None for each in self._room.views)

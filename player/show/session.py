@@ -156,6 +156,7 @@ class Session:
         self._faded = 1.0, 0.0  # of the last rendered picture: share of the light, and share of the leaving medium
         self._quitting = False
         self._undrawn: str | None = None  # why the last frame could not be drawn
+        self.on_present: Callable[[Page | None, bool], None] | None = None  # takes the page, and whether all is black
         self._follows_s: float | None = None  # when the next medium's first frame is due on the screen
         self.programme = Programme(
             playlist,
@@ -544,6 +545,8 @@ class Session:
             self.display.present(shown[0], black=shown[1])
             self.stats.add("present", time.perf_counter() - start)
             self._shown, self._uncovered = shown, False
+            if self.on_present is not None:
+                self.on_present(*shown)
         if frame is None or self.playback is None:
             return
         follows_s, self._follows_s = self._follows_s, None

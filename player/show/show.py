@@ -17,6 +17,7 @@ from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
 from counterlight.show.stats import Stats
 from counterlight.show.stats_page import facts, status_line
+from counterlight.show.watching import Watching
 from counterlight.unattended.heartbeat import Heartbeat
 from counterlight.unattended.pjlink import Lamps
 from counterlight.unattended.room_checks import RoomChecks
@@ -32,6 +33,7 @@ class Show:
     remotes : sources of commands.
     heartbeat : reports signs of life; None for none.
     checks : checks of the room; None for none.
+    watching : calibration from the running film; None for none. Ended with the show.
     lamps : projectors that remotes may switch.
     polled : functions called once per loop, which must not wait.
     on_interrupt : takes the counts if Ctrl-C or SIGTERM ends the show.
@@ -45,11 +47,13 @@ class Show:
         remotes: Sequence[Remote] = (),
         heartbeat: Heartbeat | None = None,
         checks: RoomChecks | None = None,
+        watching: Watching | None = None,
         lamps: Lamps | None = None,
         polled: Sequence[Callable[[], None]] = (),
         on_interrupt: Callable[[Stats], None] = lambda _: None,
     ) -> None:
-        self.session, self.commands = session, commands_of(session, self._check, self._checking, lamps)
+        self.session, self._watching = session, watching
+        self.commands = commands_of(session, self._check, self._checking, lamps, watching)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
@@ -72,6 +76,8 @@ class Show:
             status("")
             if self._checked is not None:
                 self._checked.close()
+            if self._watching is not None:
+                self._watching.close()
             self.session.close()
 
     def _run(self, limit: int | None) -> None:
@@ -111,6 +117,8 @@ class Show:
         self.session.step(self._overlay.page)
         if self._checked is not None:
             self._checked.poll()
+        if self._watching is not None:
+            self._watching.poll(checking=self._checking())
 
     def point(self, pointer: Pointer) -> None:
         """Drag the picture that is being placed. Otherwise mouse movements have no effect."""

@@ -118,6 +118,7 @@ def facts(session: Session) -> dict[str, Any]:
         "light_outside": gap.get("light_outside"),
         "drift": session.room.drifted,
         "in_step": stats.facts.get("in_step"),
+        "watch": stats.facts.get("watch"),
     }
 
 

@@ -105,8 +105,8 @@ class Canvas(Held):
         if found is None:
             found = np.zeros(self._shape)
             made.fill(found)  # type: ignore[arg-type]  # float64
-        self.picture = found
-        return found
+        self.picture[...] = found
+        return self.picture
 
     def clear(self) -> None:
         self.picture = np.zeros(self._shape)

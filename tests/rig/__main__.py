@@ -17,15 +17,21 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from tests.rig.faults import DEFAULT, FAULTS, QUICK, Fault
+from tests.rig.films import FILMS
+from tests.rig.live import EVENTS, live, table
 from tests.rig.rooms import ROOMS, Room
 from tests.rig.table import markdown, text_of_csv
 from tests.rig.trial import Verdict, trial
+from tests.rig.watching import WatchCamera
 
-QUICK_SCALE = 0.5
+QUICK_SCALE, LIVE_SCALE = 0.5, 2.0
 
 
 def main() -> None:
     options = _parser().parse_args()
+    if options.live:
+        _live(options)
+        return
     scale = options.scale or (QUICK_SCALE if options.quick else 1.0)
     names = options.fault or (QUICK if options.quick else DEFAULT)
     faults = [FAULTS[name] for name in names]
@@ -55,6 +61,20 @@ def main() -> None:
     print(f"\nsimulated, scale {scale:g}, {time.monotonic() - start:.0f} s")
 
 
+def _live(options: argparse.Namespace) -> None:
+    with ExitStack() as opened:
+        folder = options.keep or Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="rig-")))
+        for room in options.room:
+            for film in options.film:
+                for event in options.event:
+                    print(f"\n{room}, {film}: {EVENTS[event].says}", flush=True)
+                    times = {"warm_s": options.warm, "after_s": options.after}
+                    camera = WatchCamera(period_s=1 / options.captures)
+                    scale = options.scale or LIVE_SCALE
+                    moments = list(live(folder, room, film, event, scale=scale, camera=camera, **times))
+                    print(table(moments), flush=True)
+
+
 def _sharing(faults: Sequence[Fault]) -> list[list[Fault]]:
     """Group faults by the calibration that they need."""
     groups: dict[Fault, list[Fault]] = {}
@@ -80,6 +100,15 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="for build (default: none)")
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="every picture's figures")
+    parser.add_argument("--live", action="store_true", help="watch a playing window in real time (docs/watch.md)")
+    parser.add_argument("--event", nargs="+", choices=EVENTS, default=["drift"], help="for --live (default drift)")
+    parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="for --live (default clip)")
+    parser.add_argument("--warm", type=float, default=30.0, metavar="S", help="film before the event (30)")
+    parser.add_argument(
+        "--after", type=lambda text: [float(word) for word in text.split(",")], default=[5, 10, 20, 30], metavar="S,S…",
+        help="moments after the event that are judged (5,10,20,30)",
+    )  # fmt: skip
+    parser.add_argument("--captures", type=float, default=5.0, metavar="N", help="per second, for --live (5)")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="sheets of what the audience sees")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="the rooms, patterns and captures (default: removed)")
     return parser

@@ -101,7 +101,7 @@ class Registrar:
             worth = (best.cost - found.cost) / found.scale**2 > WORTH * (unknowns - best.unknowns)
             if worth and found.unsure < MOST_UNSURE:
                 best = found
-        N = np.linalg.inv(_matrix(best.theta, self._shape))
+        N = np.linalg.inv(homography(best.theta, self._shape))
         moved = Moved(np.asarray(N / N[2, 2]), best.gain)
         return Registration(moved, best.unsure, best.unknowns, best.scale, problem.agreement(best.theta))
 
@@ -167,7 +167,7 @@ class _Problem:
         self._sigma = np.hypot(luminance(noise.sigma(seen)), MODEL * registrar.flood)
         picture = luminance(drive.reshape(-1, 3)).reshape(self._shape)
         self._slopes = np.stack(np.gradient(picture)[::-1], axis=2)
-        self._u = _normal(self._shape)
+        self._u = normal_positions(self._shape)
 
     def agreement(self, theta: FloatArray) -> float:
         """Returns the correlation of predicted and captured light, each relative to the floodlight."""
@@ -202,7 +202,7 @@ class _Problem:
 
     def _residual(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the residual in σ, and each channel's gain."""
-        M = _matrix(theta, self._shape)
+        M = homography(theta, self._shape)
         predicted = self._registrar.predicted(resampled(self._drive, M))
         pairs = zip(self._seen.T, predicted.T, strict=True)
         gain = np.array([_gain(*pair) for pair in pairs])
@@ -210,7 +210,7 @@ class _Problem:
 
     def _jacobian(self, theta: FloatArray, unknowns: int) -> FloatArray:
         """Returns the derivative of the prediction by the first unknowns, per unit gain: (pixels, unknowns)."""
-        at = positions(_matrix(theta, self._shape), self._shape)[0].reshape(-1, 2)
+        at = positions(homography(theta, self._shape), self._shape)[0].reshape(-1, 2)
         slopes = sampled(self._slopes, at)
         u, (_, scaled, w) = self._u, _mapped(theta, self._u)
         moves = [
@@ -248,7 +248,7 @@ def _half(shape: tuple[int, int]) -> float:
     return max(shape) / 2
 
 
-def _normal(shape: tuple[int, int]) -> FloatArray:
+def normal_positions(shape: tuple[int, int]) -> FloatArray:
     """Returns pixel centres relative to the middle, in halves of the longer side: (pixels, 2)."""
     y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
     return np.stack([x - shape[1] / 2, y - shape[0] / 2], axis=2).reshape(-1, 2) / _half(shape)
@@ -261,7 +261,7 @@ def _mapped(theta: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, F
     return q, q / w[:, None], w
 
 
-def _matrix(theta: FloatArray, shape: tuple[int, int]) -> FloatArray:
+def homography(theta: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """Returns M for positions in pixels from the upper left corner."""
     own = np.eye(3)
     own[:2, :2] += theta[2:6].reshape(2, 2)

@@ -64,7 +64,7 @@ def open_rig(
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
             if not options.exposures:
                 raise InputError(f"--camera {kind}: needs exposure times in seconds; add --exposures, such as 0.033")
-            eye = together([_eye(*_parted(camera), response, opened) for camera in options.camera])
+            eye = together([open_eye(*parted(camera), response, opened) for camera in options.camera])
             screen, shapes = _screens(options, tuple(options.projector), opened)
             refuse(shapes)
             yield LiveCamera(screen, eye, Exposures(_bracket(options), response, known)), shapes
@@ -72,20 +72,20 @@ def open_rig(
 
 def _kind_of(cameras: Sequence[str]) -> tuple[str, list[str]]:
     """Returns the common kind (simulated, folder or a live kind) and the source of each camera."""
-    parted = [_parted(camera) for camera in cameras]
-    for camera, (kind, source) in zip(cameras, parted, strict=True):
+    found = [parted(camera) for camera in cameras]
+    for camera, (kind, source) in zip(cameras, found, strict=True):
         if kind not in (*LIVE, "simulated", "folder") or bool(source) != (kind != "gphoto2"):
             raise InputError(f"--camera {camera}: expected {CAMERAS}")
-        alone = kind == "folder" or (kind == "simulated") != (parted[0][0] == "simulated")
+        alone = kind == "folder" or (kind == "simulated") != (found[0][0] == "simulated")
         if alone and len(cameras) > 1:
             raise InputError(
                 f"--camera {camera}: cannot photograph together with others; acquire with each by itself, then: "
                 "counterlight join --cameras"
             )
-    return parted[0][0], [source for _, source in parted]
+    return found[0][0], [source for _, source in found]
 
 
-def _parted(camera: str) -> tuple[str, str]:
+def parted(camera: str) -> tuple[str, str]:
     kind, _, source = camera.partition(":")
     return kind, source
 
@@ -131,7 +131,7 @@ def _screens(options: argparse.Namespace, shapes: Shapes, opened: ExitStack) -> 
     return opened.enter_context(open_screens(shapes, options.monitor, desktop=options.desktop))
 
 
-def _eye(kind: str, source: str, response: Response, opened: ExitStack) -> Eye:
+def open_eye(kind: str, source: str, response: Response, opened: ExitStack) -> Eye:
     if kind == "v4l2":
         from counterlight.tools.acquisition.cameras.video import open_video_eye
 

@@ -382,6 +382,50 @@ const driftText = ({ checked, moved = [], gain = [] }) => {
   return `${[shifts && `moved by ${shifts}`, light && `light ${light}`].filter(Boolean).join("; ")} (${new Date(checked).toLocaleString()})`;
 };
 
+// What the camera has found during the show: the state, and a line over the evening for each figure
+
+const HISTORY_MS = 20000;
+const TRENDS = { // column of the history, name of the figure now, its text, least range of the line
+  Drift: [1, "moved_px", (value) => `${value.toFixed(2)} px`, 1],
+  Lamp: [2, "gain", (value) => `${(100 * value).toFixed(1)} %`, 0.1],
+  "Added light": [3, "added_light", (value) => `${(100 * value).toFixed(2)} %`, 0.01],
+  Confidence: [4, "confidence", (value) => `${Math.round(100 * value)} %`, 1],
+};
+const CALM = ["holding", "correcting", "frozen"], AT_WORK = ["starting", "looking"];
+const trends = Object.fromEntries(Object.keys(TRENDS).map((name) => {
+  const line = document.createElementNS("http://www.w3.org/2000/svg", "polyline");
+  const chart = document.createElementNS("http://www.w3.org/2000/svg", "svg"), now = make("output");
+  chart.setAttribute("viewBox", "0 -2 100 24");
+  chart.setAttribute("preserveAspectRatio", "none");
+  chart.append(line);
+  $("trends").append(make("span", { textContent: name }), chart, now);
+  return [name, { line, now }];
+}));
+
+watch("watch-state", (told) => {
+  $("watch").hidden = !told;
+  if (!told) return;
+  $("watch-state").textContent = told.state;
+  $("watch-state").className = `badge ${CALM.includes(told.state) ? "good" : AT_WORK.includes(told.state) ? "fair" : "bad"}`;
+  $("watch-reason").textContent = told.reason;
+  Object.entries(TRENDS).forEach(([name, [, figure, said]]) => {
+    trends[name].now.textContent = typeof told[figure] === "number" ? said(told[figure]) : "";
+  });
+});
+
+async function recall() {
+  if (document.hidden || !values["watch-state"]) return;
+  const { data } = await send("get_property", "watch-history");
+  if (!data?.length) return;
+  const first = data[0][0], span = Math.max(data.at(-1)[0] - first, 1);
+  Object.entries(TRENDS).forEach(([name, [column, , , range]]) => {
+    const all = data.map((row) => row[column]), low = Math.min(...all), high = Math.max(...all, low + range);
+    trends[name].line.setAttribute("points", data.map((row) =>
+      `${(100 * (row[0] - first) / span).toFixed(2)},${(20 * (high - row[column]) / (high - low)).toFixed(2)}`).join(" "));
+  });
+}
+setInterval(recall, HISTORY_MS);
+
 watch("projectors", (lamps) => {
   $("lamps").hidden = !lamps?.length;
   $("projectors").replaceChildren(...(lamps || []).flatMap(({ address, power, faults, trouble, ...lamp }, number) => {

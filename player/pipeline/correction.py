@@ -1,0 +1,132 @@
+"""A correction of the room during a show: the drift and the added light that a watcher has found (docs/watch.md).
+
+A new correction costs a table of a few numbers, and a draw in the camera's size if the ambient light has changed. Maps
+stay as they are. All numbers are relative to the calibration, not to the correction before.
+"""
+
+from dataclasses import dataclass, field
+from typing import Generic
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.passes.certificate import Weighted
+from counterlight.passes.combine import Combine
+from counterlight.passes.drawing import Picture
+from counterlight.passes.moved import MovedDrive
+from counterlight.passes.resample import Resample
+from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.drift import Drift, Moved
+from counterlight.pipeline.room import Room
+
+NO_LIGHT = np.zeros((1, 1, 3), np.float32)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """The state of a room, relative to its calibration.
+
+    projectors : one entry per projector.
+    ambient : (rows, columns, 3). Change of the ambient light, in screen primaries. The field covers the camera picture
+        and is interpolated between the middles of its cells.
+    paint : (camera height, camera width, 3), factor of the field for each camera pixel; None for 1.
+    white : factor of the light that a white picture asks for.
+    """
+
+    projectors: tuple[Moved, ...]
+    ambient: NDArray[np.float32] = field(default_factory=lambda: NO_LIGHT)
+    paint: NDArray[np.floating] | None = None
+    white: float = 1.0
+
+
+class CorrectedDrive(Generic[Picture]):
+    """Maps a drive to the shown drive, for projectors that have moved or changed their light."""
+
+    def __init__(self, device: Device[Picture], room: Room, projectors: tuple[Moved, ...]) -> None:
+        self._owner, self._device, self._regions = Owner(), device, room.calibration.regions
+        own = self._owner.own
+        try:
+            self._projectors = own(device.picture(self._table(projectors)))
+            self._canvas = own(device.canvas(room.calibration.projector.shape))
+        except BaseException:
+            self.release()
+            raise
+
+    def set(self, projectors: tuple[Moved, ...]) -> None:
+        self._device.write(self._projectors, self._table(projectors))
+
+    def run(self, drive: Picture) -> Picture:
+        return self._canvas.draw(MovedDrive(drive, self._projectors))
+
+    def release(self) -> None:
+        self._owner.release()
+
+    def _table(self, projectors: tuple[Moved, ...]) -> NDArray[np.float32]:
+        return Drift(projectors).table(self._regions)
+
+
+class AmbientLight(Generic[Picture]):
+    """The ambient light of a view in screen primaries, which a correction changes in place.
+
+    picture : (camera height, camera width, 3), for all passes of the view.
+    """
+
+    def __init__(self, device: Device[Picture], room: Room) -> None:
+        self._owner, self._device, self._room = Owner(), device, room
+        self._shape = room.calibration.camera.shape
+        self._parts: _AddedLight[Picture] | None = None
+        self._paint: NDArray[np.floating] | None = None
+        own = self._owner.own
+        try:
+            self._canvas = own(device.canvas(self._shape))
+            stored = own(device.picture(room.ambient))
+            self.picture: Picture = self._canvas.draw(Combine(stored, stored, 0.0))
+            self._owner.give_up(stored)
+        except BaseException:
+            self.release()
+            raise
+
+    def add(self, field: NDArray[np.float32], paint: NDArray[np.floating] | None) -> None:
+        """Set the picture to the calibrated light plus a field times `paint` (Correction)."""
+        parts = self._parts
+        if parts is None or parts.cells != field.shape[:2] or paint is not self._paint:
+            if parts is None and not field.any():
+                return
+            self._owner.give_up(parts)
+            self._paint, self._parts = paint, None
+            parts = self._parts = self._owner.own(_AddedLight(self._device, self._room, field.shape[:2], paint))
+        self._canvas.draw(Combine(parts.stored, parts.of(field)))
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class _AddedLight(Generic[Picture]):
+    """The pictures for a field of `cells`, (rows, columns)."""
+
+    def __init__(
+        self, device: Device[Picture], room: Room, cells: tuple[int, int], paint: NDArray[np.floating] | None
+    ) -> None:
+        self.cells, self._device, self._owner = cells, device, Owner()
+        self._height, self._width = room.calibration.camera.shape
+        own = self._owner.own
+        try:
+            self.stored = own(device.picture(room.ambient))
+            self._field = own(device.picture(np.zeros((*cells, 3), np.float32)))
+            self._wide, self._high = (own(device.canvas((rows, self._width))) for rows in (cells[0], self._height))
+            self._paint = None if paint is None else own(device.picture(paint.astype(np.float32)))
+            self._painted = None if paint is None else own(device.canvas((self._height, self._width)))
+        except BaseException:
+            self.release()
+            raise
+
+    def of(self, field: NDArray[np.float32]) -> Picture:
+        self._device.write(self._field, field)
+        wide = self._wide.draw(Resample(self._field, 0, 0, self._width))
+        high = self._high.draw(Resample(wide, 1, 0, self._height))
+        if self._painted is None or self._paint is None:
+            return high
+        return self._painted.draw(Weighted(high, self._paint))
+
+    def release(self) -> None:
+        self._owner.release()

@@ -1,0 +1,264 @@
+"""Messages between the player and its watcher, the process that calibrates the room from the film (docs/watch.md).
+
+The player writes binary messages to the watcher's standard input. A message is HEADER (kind, bytes of JSON, bytes of
+data), a JSON object, and the data of an array. The watcher answers with JSON lines on its standard output. Times are
+seconds of CLOCK_MONOTONIC, which both processes share. Both sides import this module.
+"""
+
+import json
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.unattended.json_lines import encode
+
+HEADER = struct.Struct("<4sII")
+GRID = 6, 8  # rows and columns of `Light.grid`
+MOST_BYTES = 1 << 26  # limit of a message; a larger one is damage
+FACTOR, NARROWEST = 4, 96  # reduction of pictures, and the least width that remains
+PAINT = "paint.npy"
+FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share of the longer side, at least these pixels
+STATES = (
+    "starting",  # reads the calibration, or opens the camera
+    "looking",  # finds out when the camera sees a frame
+    "holding",  # θ stays: nothing has changed, or the film says too little
+    "correcting",  # θ changes
+    "frozen",  # the user has frozen θ
+    "no camera",  # missing, or gives no more frames; also a picture that stands still during the film
+    "not the room",  # the camera does not see the calibrated room
+    "camera moved",
+    "camera changed",  # its exposure, gain or white balance is automatic
+    "acquire again",  # the room has changed beyond the limits of a correction
+)
+Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height in the raster
+
+
+@dataclass(frozen=True)
+class Start:
+    """The first message.
+
+    calibration : folder of the room.
+    cameras : words of --watch.
+    exposures : words of --exposures, in seconds; empty if not given.
+    factor : pixels of the raster per pixel of a reduced picture, from `factor_of`.
+    refresh_s : period of the display.
+    folder : folder for files of the watcher, which the player removes.
+    colour : colour tier of the maps, one of choices.COLOURS.
+    """
+
+    kind: ClassVar[bytes] = b"STRT"
+    calibration: str
+    cameras: tuple[str, ...]
+    exposures: tuple[float, ...]
+    factor: int
+    refresh_s: float
+    folder: str
+    colour: str = "auto"
+
+
+@dataclass(frozen=True)
+class Light:
+    """The light of a displayed frame. A frame stands until the time of the next one.
+
+    time_s : when the frame was shown.
+    grid : (*GRID, 3) float32. Linear drive, from `grid_means`.
+    """
+
+    kind: ClassVar[bytes] = b"LGHT"
+    time_s: float
+    grid: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A displayed frame, with the time of its `Light`.
+
+    drive : (height, width, 3) float16. Linear drive as shown, after refinement, overlay and the moved pass, from
+        `reduced`.
+    """
+
+    kind: ClassVar[bytes] = b"PICT"
+    time_s: float
+    drive: NDArray[np.float16]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """The state of the player, sent when it changes.
+
+    frozen : the user has frozen the correction.
+    dark : the curtain is closed, so that every frame is black.
+    """
+
+    kind: ClassVar[bytes] = b"SITU"
+    frozen: bool = False
+    dark: bool = False
+
+
+Message: TypeAlias = Start | Light | Picture | Situation
+
+
+@dataclass(frozen=True)
+class Projected:
+    """θ of one projector, relative to the calibration, as `counterlight.pipeline.drift.Moved` has it.
+
+    to_raster : N, three rows of three numbers, in pixels of the raster.
+    gain : three numbers.
+    unsure_px : standard deviation of the corners, projector pixels.
+    """
+
+    to_raster: tuple[tuple[float, ...], ...]
+    gain: tuple[float, ...]
+    unsure_px: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the watcher knows.
+
+    state : one of STATES.
+    reason : why, in words.
+    projectors : θ to apply, one entry per projector; empty before the first estimate.
+    ambient : rows of columns of three numbers, at most 12 × 16, in screen primaries: light added to the calibrated
+        ambient light. The field covers the camera picture and is interpolated between the middles of its cells. It is
+        multiplied by the picture in `folder`/PAINT, (camera height, camera width, 3) float16, which is there from the
+        first answer with an ambient on. Empty for no change.
+    confidence : 0 to 1.
+    latency_s : from the display of a frame to the end of its exposure; 0 if unknown.
+    captures : captures compared with their prediction.
+    rejected : captures that were discarded, by reason.
+    """
+
+    state: str
+    reason: str = ""
+    projectors: tuple[Projected, ...] = ()
+    ambient: tuple[tuple[tuple[float, ...], ...], ...] = ()
+    confidence: float = 0.0
+    latency_s: float = 0.0
+    captures: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)
+
+    def line(self) -> bytes:
+        return encode(asdict(self))
+
+    @classmethod
+    def parse(cls, line: bytes) -> "Answer":
+        """Read a line. Raises ValueError for anything but an answer."""
+        try:
+            values = json.loads(line)
+            values["projectors"] = tuple(Projected(**each) for each in values["projectors"])
+            answer = cls(**values)
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f"no answer: {error}") from None
+        if answer.state not in STATES:
+            raise ValueError(f"state {answer.state!r}, expected one of {', '.join(STATES)}")
+        return answer
+
+
+def packed(message: Message) -> bytes:
+    """Return the bytes of a message. To write them without waiting, write all of them or none."""
+    values: dict[str, Any] = dict(vars(message))
+    array = next((values.pop(name) for name in ("grid", "drive") if name in values), None)
+    data = b"" if array is None else np.ascontiguousarray(array).tobytes()
+    if array is not None:
+        values["shape"] = array.shape
+    head = encode(values)
+    return HEADER.pack(message.kind, len(head), len(data)) + head + data
+
+
+class Unpacker:
+    """Splits a stream of bytes into messages."""
+
+    def __init__(self) -> None:
+        self._waiting = bytearray()
+
+    def feed(self, content: bytes) -> Iterator[Message]:
+        """Yield the messages that `content` completes. Raises ValueError for damage."""
+        self._waiting += content
+        while len(self._waiting) >= HEADER.size:
+            kind, head, data = HEADER.unpack_from(self._waiting)
+            end = HEADER.size + head + data
+            if kind not in _READ or end > MOST_BYTES:
+                raise ValueError(f"a message of kind {kind!r} and {end} bytes")
+            if len(self._waiting) < end:
+                return
+            body = bytes(self._waiting[HEADER.size : end])
+            del self._waiting[:end]
+            yield _READ[kind](json.loads(body[:head]), body[head:])
+
+
+def farthest_px(shape: tuple[int, int]) -> float:
+    """Return how far the corners of a projector's picture may be corrected."""
+    return max(FARTHEST * max(shape), FARTHEST_PX)
+
+
+def factor_of(width: int) -> int:
+    """Return the factor by which pictures of a projector `width` pixels wide are reduced."""
+    return max(1, min(FACTOR, width // NARROWEST))
+
+
+def reduced_boxes(boxes: Sequence[Box], factor: int) -> list[Box]:
+    """Return the projectors' regions in a reduced picture, next to each other from the left."""
+    found, left = list[Box](), 0
+    for _, _, width, height in boxes:
+        found.append((left, 0, -(-width // factor), -(-height // factor)))
+        left += found[-1][2]
+    return found
+
+
+def reduced(drive: NDArray[np.floating], boxes: Sequence[Box], factor: int) -> NDArray[np.float16]:
+    """Return means over factor × factor pixels of each projector's picture, next to each other.
+
+    drive : (height, width, 3). Linear drive of the raster.
+    """
+    parts = [_means(drive[top : top + height, left : left + width], factor) for left, top, width, height in boxes]
+    whole = np.zeros((max(map(len, parts)), sum(part.shape[1] for part in parts), 3), np.float16)
+    for part, (left, _, width, height) in zip(parts, reduced_boxes(boxes, factor), strict=True):
+        whole[:height, left : left + width] = part
+    return whole
+
+
+def grid_means(picture: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return means over a grid of GRID cells: (height, width, 3) -> (*GRID, 3)."""
+    edges = [np.arange(cells + 1) * size // cells for size, cells in zip(picture.shape, GRID, strict=False)]
+    return np.asarray(_over(picture.astype(np.float32), *edges), np.float32)
+
+
+def _means(picture: NDArray[np.floating], factor: int) -> NDArray[np.float32]:
+    edges = [np.append(np.arange(0, size, factor), size) for size in picture.shape[:2]]
+    return _over(picture.astype(np.float32), *edges)
+
+
+def _over(picture: NDArray[np.float32], rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
+    sums = np.add.reduceat(np.add.reduceat(picture, rows[:-1], axis=0), columns[:-1], axis=1)
+    return np.asarray(sums / (np.diff(rows)[:, None, None] * np.diff(columns)[:, None]), np.float32)
+
+
+def _start(values: dict[str, Any], _: bytes) -> Start:
+    for name in ("cameras", "exposures"):
+        values[name] = tuple(values[name])
+    return Start(**values)
+
+
+def _light(values: dict[str, Any], data: bytes) -> Light:
+    return Light(values["time_s"], np.frombuffer(data, np.float32).reshape(values["shape"]))
+
+
+def _picture(values: dict[str, Any], data: bytes) -> Picture:
+    return Picture(values["time_s"], np.frombuffer(data, np.float16).reshape(values["shape"]))
+
+
+def _situation(values: dict[str, Any], _: bytes) -> Situation:
+    return Situation(**values)
+
+
+_READ: dict[bytes, Callable[[dict[str, Any], bytes], Message]] = {
+    Start.kind: _start,
+    Light.kind: _light,
+    Picture.kind: _picture,
+    Situation.kind: _situation,
+}

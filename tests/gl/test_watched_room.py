@@ -1,0 +1,34 @@
+"""A camera watches a running show: the watcher of the product finds a moved picture, and the player corrects it."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from counterlight import calibration
+from tests.drifted_rooms import write_changed
+from tests.programs import wait_until
+from tests.remote import show
+from tests.rig.films import RATE, Film
+
+TOLERANCE_PX = 0.1  # of issue 38; the changed room moves boxes of light
+
+
+def test_a_drift_is_found_in_the_film_and_corrected(xvfb: str, plain_room: Path, tmp_path: Path) -> None:
+    room, rng = shutil.copytree(plain_room, tmp_path / "room"), np.random.default_rng(5)
+    write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
+    scenes = [cv2.GaussianBlur(rng.uniform(-600, 855, (90, 120, 3)), (0, 0), 1.5) for _ in range(4)]
+    frames = np.repeat(np.clip(scenes, 0, 255).astype(np.uint8), RATE, axis=0)
+    film = Film("scenes", frames).write(tmp_path / "film.mkv")
+    words = "--loop", "--osd", "off", "--watch", f"simulated:{tmp_path / 'now'}", "--white", "0.5"
+    with show(xvfb, tmp_path, room, film, *words) as (process, client):
+
+        def found() -> bool:
+            return abs((client.get("watch-state").get("moved_px") or 0.0) - 0.8) < TOLERANCE_PX
+
+        wait_until(found, "the drift", process)
+        assert client.get("watch-state")["state"] in ("correcting", "holding")
+        assert client.ask("set_property", "watch-freeze", True)["error"] == "success"
+        wait_until(lambda: client.get("watch-state")["state"] == "frozen", "the freeze", process)
+        assert client.get("notices") == []

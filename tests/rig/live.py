@@ -1,0 +1,352 @@
+"""The product next to a rig in real time: a player's window is watched by a camera with its own clock (docs/watch.md).
+
+The camera reads the pixels that the X server shows, and exposes them in the rig's room, which changes meanwhile. Its
+captures are files that the watcher reads as soon as they appear. The judge looks at the same pixels. What `verify`
+would reach is found after the show, in the state that the room had at each judged moment.
+"""
+
+import json
+import threading
+import time
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from Xlib import X
+from Xlib.display import Display
+
+from tests.desktop import ON_THE_PROCESSOR
+from tests.remote import Client, show
+from tests.rig import product
+from tests.rig.faults import FAULTS
+from tests.rig.films import FILMS, RATE, Film
+from tests.rig.judge import Judge
+from tests.rig.pictures import Picture
+from tests.rig.rays import FloatArray
+from tests.rig.rig import Devices, Rig
+from tests.rig.rooms import ROOMS
+from tests.rig.watching import Codes, Frame, WatchCamera, WatchedRoom
+from tests.screens import one_screen
+
+LOOK_S = 0.008  # between two looks at the screen
+KEPT_S = 2.0  # of displayed frames
+CAPTURES = 4  # files that stay in the folder
+STEPS = 2  # of refinement, in the show and in what it is compared with
+WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
+NEARBY = 4  # frames around the stated position that a displayed picture may show
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happens to a room during a show.
+
+    changed : the devices a time after the event, from the devices before. Times before the event are negative.
+    person : as in WatchedRoom, for a view (height, width).
+    unplugged : whether captures stop at the event; frozen: whether they repeat.
+    """
+
+    says: str
+    changed: Callable[[Devices, float], Devices] = lambda devices, time_s: devices
+    person: Callable[[float, tuple[int, int]], FloatArray | None] = lambda time_s, view: None
+    unplugged: bool = False
+    frozen: bool = False
+    automatic: bool = False
+
+
+def _since(change: dict[str, Any]) -> Callable[[Devices, float], Devices]:
+    return lambda devices, time_s: replace(devices, **change) if time_s >= 0 else devices
+
+
+def _drifting(px_per_s: float) -> Callable[[Devices, float], Devices]:
+    def moved(devices: Devices, time_s: float) -> Devices:
+        share = min(max(time_s, 0.0) * px_per_s, 1.0)
+        return replace(devices, shift=(0.8 * share, 0.6 * share))
+
+    return moved
+
+
+def _door(devices: Devices, time_s: float) -> Devices:
+    share = min(max(time_s / 2, 0.0), 1.0)
+    return replace(devices, room_light=devices.room_light * (1 + 2 * share))
+
+
+def _person(time_s: float, view: tuple[int, int]) -> FloatArray | None:
+    """A figure a quarter of the view wide that crosses the view in a minute, and gives a tenth of the light."""
+    height, width = view
+    middle = (1.25 * time_s / 60 - 0.125) * width
+    share = np.ones(view)
+    left, right = (int(np.clip(middle + side * width / 8, 0, width)) for side in (-1, 1))
+    share[height // 5 :, left:right] = 0.1
+    return share
+
+
+EVENTS = {
+    "nothing": Event("nothing changes"),
+    "drift": Event("the picture drifts by one pixel in ten minutes", _drifting(1 / 600)),
+    "fast-drift": Event("the same, eight times as fast", _drifting(8 / 600)),
+    "half": Event("the picture jumps by half a pixel", _since({"shift": (0.4, 0.3)})),
+    "jump": Event("the picture jumps by three pixels", _since({"shift": (2.4, 1.8)})),
+    "lamp": Event("the lamp falls to 90 %", lambda devices, time_s: _dimmed(devices, 0.9) if time_s >= 0 else devices),
+    "door": Event("the room's light triples within two seconds", _door),
+    "person": Event("a person crosses the view in a minute", person=_person),
+    "unplugged": Event("the camera gives no more captures", unplugged=True),
+    "frozen": Event("the camera repeats one capture", frozen=True),
+    "automatic": Event("the camera's exposure follows the film", automatic=True),
+    "camera": Event("the camera is pushed by a pixel", _since({"camera_moved": (4, 0)})),
+}
+
+
+def _dimmed(devices: Devices, lamp: float) -> Devices:
+    return replace(devices, projector=replace(devices.projector, lamp=lamp))
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What a judge sees at a time after the event.
+
+    shown : PSNR of the screen.
+    unwatched : PSNR of the picture that the player would show without a watcher.
+    verified : PSNR of the picture after `verify` in the room's present state.
+    state : the property watch-state.
+    """
+
+    time_s: float
+    shown: float
+    unwatched: float
+    verified: float
+    state: dict[str, Any]
+
+
+@dataclass
+class Screen:
+    """The displayed frames, read from an X server by a thread."""
+
+    display: str
+    size: tuple[int, int]  # (width, height)
+    frames: list[Frame] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._over, self._lock = threading.Event(), threading.Lock()
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread.start()
+
+    def since(self, time_s: float) -> list[Frame]:
+        """Return the frames on the screen from `time_s` on."""
+        with self._lock:
+            first = bisect_right([frame.time_s for frame in self.frames], time_s) - 1
+            return self.frames[max(first, 0) :]
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _look(self) -> None:
+        connection = Display(self.display)
+        root = connection.screen().root
+        while not self._over.wait(LOOK_S):
+            now_s = time.monotonic()
+            packed = np.frombuffer(root.get_image(0, 0, *self.size, X.ZPixmap, 0xFFFFFFFF).data, np.uint8)
+            codes = packed.reshape(*self.size[::-1], 4)[..., 2::-1]
+            if not self.frames or not np.array_equal(codes, self.frames[-1].codes):
+                with self._lock:
+                    self.frames.append(Frame(now_s, codes.copy()))
+                    while len(self.frames) > 1 and self.frames[1].time_s < now_s - KEPT_S:
+                        del self.frames[0]
+        connection.close()
+
+
+class LiveCamera:
+    """A thread that photographs the screen in the room, and leaves the captures in a folder."""
+
+    def __init__(self, room: WatchedRoom, camera: WatchCamera, event: Event, screen: Screen, folder: Path) -> None:
+        self.room, self._camera, self._event, self._screen, self._folder = room, camera, event, screen, folder
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self.began_s = float("inf")  # of the event, time.monotonic
+        self._thread.start()
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        content, number = b"", 0
+        due_s = time.monotonic() + 0.5
+        while not self._over.wait(max(due_s - time.monotonic(), 0.0)):
+            camera, happens = self._camera, due_s >= self.began_s
+            frames = self._screen.since(due_s - camera.exposure_s - camera.rolling_s)
+            if frames and not (happens and self._event.unplugged):
+                arrival_s, codes = self.room.capture(due_s, frames)
+                if not (happens and self._event.frozen and content):
+                    content = cv2.imencode(".png", codes[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 0))[1].tobytes()
+                self._over.wait(max(arrival_s - time.monotonic(), 0.0))
+                self._write(number, content)
+                number += 1
+            due_s = max(due_s + camera.period_s, time.monotonic() - camera.latency_s)
+
+    def _write(self, number: int, content: bytes) -> None:
+        begun = self._folder / f".{number:07}.png"
+        begun.write_bytes(content)
+        begun.rename(self._folder / f"{number:07}.png")
+        with suppress(FileNotFoundError):
+            (self._folder / f"{number - CAPTURES:07}.png").unlink()
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A displayed picture to judge: its codes, the film's position, and the state of the watcher."""
+
+    time_s: float
+    codes: Codes
+    position_s: float
+    state: dict[str, Any]
+
+
+def live(
+    folder: Path,
+    room: str,
+    film_name: str,
+    event_name: str,
+    *,
+    scale: float,
+    warm_s: float,
+    after_s: Sequence[float],
+    camera: WatchCamera,
+    watch: bool = True,
+) -> Iterator[Moment]:
+    """Play a film in a room, let something happen after `warm_s`, and judge at times after that."""
+    event, made = EVENTS[event_name], ROOMS[room](scale)
+    rig = Rig(made, FAULTS["known"].devices)
+    place = folder / f"{room}-{scale:g}"
+    if not (place / "room").exists():
+        place.mkdir(parents=True, exist_ok=True)
+        product.acquire(rig, place, "--response", str(_response(rig, place)))
+        product.build(place)
+    product.forget(place)
+    film = FILMS[film_name]((rig.camera[1], rig.camera[1] * 9 // 16 // 2 * 2))
+    path = film.write(place / f"{film_name}.mkv")
+    white = WHITE * product.show(place, film.still(place / "still.png", 0)).white
+    origin = time.monotonic() + 1e6  # until the event
+    began = [origin]
+
+    def devices(time_s: float) -> Devices:
+        return event.changed(rig.devices, time_s - began[0])
+
+    watched = WatchedRoom(rig, camera, devices, lambda time_s: event.person(time_s - began[0], rig.camera))
+    for later_s in np.arange(0, max(after_s) + 1, 1.0):  # a changed room takes seconds to compute
+        watched.rig_at(origin + later_s).seen(np.zeros((*rig.raster, 3), np.uint8))
+    captures = place / "captures"
+    captures.mkdir(exist_ok=True)
+    (place / "show.socket").unlink(missing_ok=True)  # of a player that was killed
+    seen = list(
+        _played(place, path, rig, watched, event, camera, began, white, warm_s, after_s, watch=watch, film=film)
+    )
+    yield from _judged(place, rig, watched, film, white, began[0], seen)
+
+
+def _response(rig: Rig, place: Path) -> Path:
+    return product.write_response(place / "response.toml", rig.devices.projector.response_table())
+
+
+def _played(
+    place: Path,
+    path: Path,
+    rig: Rig,
+    watched: WatchedRoom,
+    event: Event,
+    camera: WatchCamera,
+    began: list[float],
+    white: float,
+    warm_s: float,
+    after_s: Sequence[float],
+    *,
+    watch: bool,
+    film: Film,
+) -> Iterator[_Seen]:
+    """Play, and yield what the screen shows at each of the times."""
+    height, width = rig.raster
+    folder = place / "captures"
+    words = "--loop", "--osd", "off", "--white", white, "--refine", STEPS, "--dither", "none", "--fullscreen"
+    words = *words, "--heartbeat", place / "heartbeat"
+    watching = ("--watch", f"folder:{folder}") if watch else ()
+    with (
+        one_screen(place, (width, height)) as display,
+        _closed(Screen(display, (width, height))) as screen,
+        _closed(LiveCamera(watched, camera, event, screen, folder)) as eye,
+        show(display, place, place / "room", path, *words, *watching, how=ON_THE_PROCESSOR) as (_, client),
+    ):
+        time.sleep(warm_s)
+        began[0] = eye.began_s = time.monotonic()
+        if event.automatic:
+            eye.room = WatchedRoom(rig, replace(camera, automatic=True), lambda _: rig.devices)
+        for later_s in after_s:
+            time.sleep(max(began[0] + later_s - time.monotonic(), 0.0))
+            before_s = client.get("time-pos")
+            frame = screen.since(time.monotonic())[-1]
+            yield _Seen(time.monotonic() - began[0], frame.codes, before_s, _state(client))
+
+
+def _state(client: Client) -> dict[str, Any]:
+    return dict(client.get("watch-state") or {})
+
+
+@contextmanager
+def _closed(thread: Any) -> Iterator[Any]:
+    try:
+        yield thread
+    finally:
+        thread.close()
+
+
+def _judged(
+    place: Path, rig: Rig, watched: WatchedRoom, film: Film, white: float, began_s: float, seen: Sequence[_Seen]
+) -> Iterator[Moment]:
+    """Yield the figures of each seen picture, next to the same film frame without a watcher and after a check."""
+    told = "--white", str(white), "--refine", str(STEPS), "--dither", "none"
+    for number, each in enumerate(seen):
+        now = watched.rig_at(began_s + each.time_s)
+        judge = Judge(now)
+        frame = _frame(rig, film, each, white)
+        still = film.still(place / "judged.png", frame)
+        picture = Picture(f"{film.name} {frame}", film.frames[frame])
+        question = judge.asks(picture, white, product.show_plain(place, still).codes)
+        unwatched = product.show(place, still, *told).codes
+        product.check(now, place, seed=number + 1)
+        verified = product.show(place, still, *told).codes
+        product.forget(place)
+        shown, without, after = (judge.figures(question, codes).psnr for codes in (each.codes, unwatched, verified))
+        yield Moment(each.time_s, shown, without, after, each.state)
+
+
+def _frame(rig: Rig, film: Film, seen: _Seen, white: float) -> int:
+    """Return the frame that the calibrated camera would recognise in displayed codes, near the stated position."""
+    light = rig.seen(seen.codes).reshape(*rig.camera, 3) - rig.ambient.reshape(*rig.camera, 3)
+    middle, count = round(seen.position_s * RATE), len(film.frames)
+    near = [index % count for index in range(middle - NEARBY, middle + NEARBY + 1)]
+
+    def misfit(index: int) -> float:
+        placed, inside = Picture("", film.frames[index]).placed(rig.camera)
+        return float(np.mean((light - white * placed)[inside] ** 2))
+
+    return min(near, key=misfit)
+
+
+def table(moments: Sequence[Moment]) -> str:
+    """Return the figures as a table in Markdown."""
+    rows = [
+        f"| {each.time_s:.0f} s | {each.unwatched:.2f} | {each.verified:.2f} | {each.shown:.2f} | "
+        f"{each.state.get('state', '')} | {each.state.get('reason', '')} | {each.state.get('moved_px', '')} | "
+        f"{each.state.get('gain', '')} | {each.state.get('added_light', '')} |"
+        for each in moments
+    ]
+    heads = "time", "without, dB", "after verify, dB", "watched, dB", "state", "reason", "moved px", "gain", "added"
+    return "\n".join([f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *rows])
+
+
+def stored(moments: Sequence[Moment]) -> str:
+    return "\n".join(json.dumps(vars(each)) for each in moments) + "\n"

@@ -1,0 +1,103 @@
+"""A camera that watches a film in a rig: latency, jitter, a rolling exposure, and a room that changes meanwhile."""
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.rig.rays import FloatArray
+from tests.rig.rig import Devices, Rig
+
+Codes = NDArray[np.uint8]
+STEP_PX = 0.05  # shifts of the projector are rounded to this, so that few transports are computed
+
+
+@dataclass(frozen=True)
+class WatchCamera:
+    """A free-running camera.
+
+    period_s : between captures.
+    latency_s : from the end of an exposure to the arrival of the capture.
+    exposure_s : of each row.
+    rolling_s : between the exposures of the first and the last row.
+    jitter_s : standard deviation of the arrival.
+    """
+
+    period_s: float = 1 / 30
+    latency_s: float = 0.07
+    exposure_s: float = 1 / 60
+    rolling_s: float = 0.01
+    jitter_s: float = 0.003
+    automatic: bool = False  # the exposure follows the brightness of the film
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A displayed frame: `codes` from `time_s` on."""
+
+    time_s: float
+    codes: Codes
+
+
+class WatchedRoom:
+    """A rig that changes during a film.
+
+    devices : the devices at a time.
+    person : the share of light that reaches the camera's pixels at a time, (camera height, camera width), if any.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        camera: WatchCamera,
+        devices: Callable[[float], Devices],
+        person: Callable[[float], FloatArray | None] = lambda time_s: None,
+    ) -> None:
+        self._rig, self._camera, self._devices, self._person = rig, camera, devices, person
+        self._rng = np.random.default_rng(camera.seed)
+        self._rigs: dict[Any, Rig] = {}
+        self._automatic = 1.0
+
+    def capture(self, time_s: float, frames: Sequence[Frame]) -> tuple[float, NDArray[np.uint8]]:
+        """Expose until `time_s`; returns the arrival and 8-bit codes (height, width, 3).
+
+        frames : in order of time; the last one stands.
+        """
+        camera, rig = self._camera, self.rig_at(time_s)
+        height = rig.camera[0]
+        last = time_s - camera.rolling_s * (1 - (np.arange(height) + 0.5) / height)
+        light = np.zeros((*rig.camera, 3))
+        times = [frame.time_s for frame in frames]
+        start = max(bisect_right(times, last[0] - camera.exposure_s) - 1, 0)
+        ends = [*times[start + 1 :], np.inf]
+        for frame, end in zip(frames[start:], ends, strict=True):
+            share = np.clip(np.minimum(last, end) - np.maximum(last - camera.exposure_s, frame.time_s), 0, None)
+            if share.any():
+                light += share[:, None, None] / camera.exposure_s * self._seen(rig, frame.codes)
+        seen = self._person(time_s)
+        if seen is not None:
+            light = light * seen[..., None]
+        if camera.automatic:
+            self._automatic += 0.3 * (0.18 / max(float(light.mean()), 1e-4) - self._automatic)
+            light = light * self._automatic
+        stored = rig.devices.sensor.codes(light, rig.light.weakness, self._rng)
+        arrival = time_s + camera.latency_s + abs(self._rng.normal(0, camera.jitter_s))
+        return arrival, np.rint(stored / 257.0).astype(np.uint8)
+
+    def rig_at(self, time_s: float) -> Rig:
+        """Returns the rig in its state at a time."""
+        now = self._devices(time_s)
+        right, down = (round(round(each / STEP_PX) * STEP_PX, 6) for each in now.shift)
+        now = replace(now, shift=(right, down))
+        if now not in self._rigs:
+            self._rigs[now] = self._rig.after(now)
+        return self._rigs[now]
+
+    def _seen(self, rig: Rig, codes: Codes) -> FloatArray:
+        if rig.devices.camera_moved != (0, 0):
+            return rig._seen_from_elsewhere(codes).reshape(*rig.camera, 3)
+        return rig.seen(codes).reshape(*rig.camera, 3)

@@ -1,0 +1,247 @@
+"""python -m tests.studies.watching: what the watcher finds during films in a rig's room, in compressed time.
+
+The room is acquired by the documented command. The films are compensated pictures: frames of the shipped clip and
+photographs. Quality is that of the last seconds, inside the border, against what the film asks for.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from skimage import data
+from threadpoolctl import threadpool_limits
+
+from counterlight import calibration
+from counterlight.passes.encode import encoded
+from counterlight.pipeline.drift import Drift, Moved
+from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.shipped import CLIP
+from counterlight.tools.solve.registry import prepare
+from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.watching.view import RoomView
+from counterlight.unattended.watch_link import factor_of
+from tests.rig import product
+from tests.rig.faults import FAULTS
+from tests.rig.judge import BORDER, decibels
+from tests.rig.projector import Projector
+from tests.rig.rays import FloatArray
+from tests.rig.rig import Devices, Rig
+from tests.rig.rooms import ROOMS
+from tests.rig.trial import given
+from tests.rig.watching import WatchCamera
+from tests.watched_films import Film, Moment, Scene, watched
+
+KNOWN = FAULTS["known"]
+CLIP_FRAMES, HOLD_S = 24, 1.5
+CHANGE_S, LAST_S = 15.0, 4.0
+BRIGHT = 0.85  # of the films, so that a weaker lamp can still show them
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change during a film.
+
+    scene : given the devices of the calibration.
+    """
+
+    name: str
+    film: str
+    seconds: float
+    scene: Callable[[Devices], Scene]
+
+
+def later(**changes: object) -> Callable[[Devices], Scene]:
+    def scene(before: Devices) -> Scene:
+        after = replace(before, **changes)  # type: ignore[arg-type]
+        return Scene(lambda time_s: after if time_s > CHANGE_S else before)
+
+    return scene
+
+
+def creeping(per_s: float) -> Callable[[Devices], Scene]:
+    def scene(before: Devices) -> Scene:
+        return Scene(lambda time_s: replace(before, shift=(per_s * max(time_s - CHANGE_S, 0.0), 0.0)))
+
+    return scene
+
+
+def opened(before: Devices) -> Scene:
+    """A door triples the room's light within two seconds."""
+    return Scene(
+        lambda time_s: replace(
+            before, room_light=round(before.room_light * (1 + 2 * np.clip((time_s - CHANGE_S) / 2, 0, 1)), 4)
+        )
+    )
+
+
+def automatic(before: Devices) -> Scene:
+    return Scene(lambda _: before, camera=WatchCamera(automatic=True))
+
+
+def crossed(before: Devices) -> Scene:
+    """A person, a quarter of the view wide, crosses within a minute."""
+
+    def person(time_s: float) -> FloatArray:
+        share, left = np.ones((120, 160)), int(200 * (time_s - CHANGE_S) / 60) - 40
+        share[:, max(left, 0) : max(left + 40, 0)] = 0.3
+        return share
+
+    return Scene(lambda _: before, person)
+
+
+EVENTS = (
+    *(Event("nothing", film, 60, later()) for film in ("fades", "cuts", "dark", "static")),
+    *(Event("jump of half a pixel", film, 35, later(shift=(0.3, 0.4))) for film in ("fades", "cuts", "dark", "static")),
+    Event("jump of three pixels", "fades", 35, later(shift=(3.0, 0.0))),
+    Event("drift, a pixel in ten minutes", "fades", 135, creeping(1 / 600)),
+    Event("drift, eight times as fast", "fades", 90, creeping(8 / 600)),
+    Event("lamp falls to 90 %", "fades", 30, later(projector=Projector(lamp=0.9))),
+    Event("three times the ambient light within 2 s", "fades", 30, opened),
+    Event("a person crosses", "fades", 75, crossed),
+    Event("the camera moves by half a pixel", "fades", 30, later(camera_moved=(2, 0))),
+    Event("the camera moves by two pixels", "fades", 30, later(camera_moved=(8, 4))),
+    Event(
+        "automatic exposure", "fades", 30, lambda before: Scene(lambda _: before, camera=WatchCamera(automatic=True))
+    ),
+    Event("the camera stands still", "fades", 30, lambda before: Scene(lambda _: before, frozen_s=CHANGE_S)),
+)
+
+
+class Study:
+    """A room, its films, and the judgement of what was shown."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self.rig = Rig(ROOMS[name](1.0), KNOWN.devices)
+        if not (folder / "room").exists():
+            product.acquire(self.rig, folder, *given(KNOWN, folder))
+        stored = calibration.read(folder / "room")
+        self.room, transport = stored.calibration, read_transport(stored)
+        self.tier = tier_of(self.room, transport)
+        self.view = RoomView(self.tier, factor_of(self.room.projector.width))
+        self.drives, self.asked = _compensated(self.tier)
+        inside = ndimage.binary_erosion(self.room.mask, np.ones((3, 3)), iterations=BORDER)
+        self._inside = inside.ravel()
+
+    def parts(self, film: str, time_s: float) -> tuple[int, int, float, float]:
+        """Returns two pictures, the share of the second, and the brightness of a film at a time."""
+        number, since_s = divmod(time_s, HOLD_S)
+        one, other = (int(7 * (number + i)) % len(self.drives) for i in range(2))
+        if film == "fades":
+            return one, other, float(np.clip(since_s - HOLD_S + 1, 0, 1)), BRIGHT
+        return (0 if film == "static" else one), 0, 0.0, (0.03 if film == "dark" else BRIGHT)
+
+    def film(self, name: str) -> Film:
+        return lambda time_s: self._mixed(self.drives, name, time_s)
+
+    def run(self, event: Event) -> Iterator[Moment]:
+        return watched(self.view, self.rig, self.film(event.film), event.scene(KNOWN.devices), event.seconds)
+
+    def decibels(self, event: Event, moment: Moment) -> tuple[float, float, float]:
+        """Returns the quality without corrections, with the watcher's, and with the true ones, as squared errors."""
+        devices = moment.rig.devices
+        N = np.eye(3)
+        N[:2, 2] = devices.shift
+        true = Drift((Moved(N, np.full(3, devices.projector.lamp)),))
+        drive = self._mixed(self.drives, event.film, moment.time_s)
+        codes = encoded(true.shown(drive, self.room.regions), self.room.response)
+        added = moment.rig.ambient - self.rig.ambient
+        found = _interpolated(moment.answer.ambient, self.room.camera.shape) * self.view.paint.astype(np.float64)
+        lights = np.zeros_like(added), found.reshape(-1, 3), added
+        target = self._mixed(self.asked, event.film, moment.time_s).reshape(-1, 3) + self.room.ambient.reshape(-1, 3)
+        errors = []
+        for shown, light in zip((moment.uncorrected, moment.codes, codes), lights, strict=True):
+            seen = moment.rig.seen(shown) - light - target
+            errors.append(10 ** (-decibels(seen[self._inside], self.tier.white) / 10))
+        return errors[0], errors[1], errors[2]
+
+    def _mixed(self, pictures: NDArray[np.float32], film: str, time_s: float) -> FloatArray:
+        one, other, share, bright = self.parts(film, time_s)
+        return np.asarray(bright * ((1 - share) * pictures[one] + share * pictures[other]), np.float64)
+
+
+def row(study: Study, event: Event) -> str:
+    moments = list(study.run(event))
+    last = [moment for moment in moments if moment.time_s > event.seconds - LAST_S]
+    errors = np.array([study.decibels(event, moment) for moment in last]).mean(axis=0)
+    without, with_, known = -10 * np.log10(errors)
+    change = next((m for m in moments if m.time_s > CHANGE_S and m.answer.state not in ("holding", "looking")), None)
+    begun = "" if change is None else f"{change.time_s - CHANGE_S:.1f}"
+    answer = moments[-1].answer
+    middle = last[-1].drift.projectors[0].at_corners(study.room.projectors[0])[0]
+    states = sorted({m.answer.state for m in moments if m.time_s > CHANGE_S})
+    found = f"{middle[0]:+.3f}, {middle[1]:+.3f}; {np.mean(answer.projectors[0].gain):.3f}"
+    cells = event.name, event.film, found, f"{without:.1f}", f"{with_:.1f}", f"{known:.1f}", begun, ", ".join(states)
+    return f"| {' | '.join(cells)} |"
+
+
+def _interpolated(field: tuple[tuple[tuple[float, ...], ...], ...], shape: tuple[int, int]) -> FloatArray:
+    """Returns a field between the middles of its cells, (height, width, 3)."""
+    if not field:
+        return np.zeros((*shape, 3))
+    cells = np.array(field)
+    at = [
+        np.clip((np.arange(size) + 0.5) * count / size - 0.5, 0, count - 1)
+        for size, count in zip(shape, cells.shape, strict=False)
+    ]
+    rows, columns = np.meshgrid(*at, indexing="ij")
+    return np.stack([ndimage.map_coordinates(cells[..., k], [rows, columns], order=1) for k in range(3)], axis=2)
+
+
+def _compensated(tier: Tier) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Returns the drive of each picture, and the light above ambient that it should give."""
+    room = tier.calibration
+    objective = objective_of(tier.transport, room, DEFAULT_AIMS, tier.mixing)
+    box = prepare("box", tier.transport, room.mask, objective)
+    drives, asked = [], []
+    for picture in _pictures(room.camera.shape):
+        codes = picture / 255.0
+        linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+        light = objective.bounded(tier.asked(linear * tier.white).reshape(-1, 3))
+        drives.append(np.clip(box.solve(light).drive, 0, 1).reshape(*room.projector.shape, 3))
+        asked.append(light.reshape(*room.camera.shape, 3))
+    return np.array(drives, np.float32), np.array(asked, np.float32)
+
+
+def _pictures(shape: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
+    """Yield photographs and frames of the shipped clip at the camera's size, without detail finer than a pixel."""
+    stills = [data.astronaut(), data.coffee(), data.chelsea(), data.rocket(), data.hubble_deep_field()]
+    with av.open(str(CLIP)) as clip:
+        frames = [frame.to_ndarray(format="rgb24") for frame in clip.decode(video=0)]
+    chosen = np.linspace(0, len(frames) - 1, CLIP_FRAMES).astype(int)
+    for picture in (*stills, *(frames[i] for i in chosen)):
+        small = cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA)
+        yield np.asarray(cv2.GaussianBlur(small, (0, 0), 1.0), np.uint8)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser("python -m tests.studies.watching", description=__doc__)
+    parser.add_argument("--room", nargs="+", choices=ROOMS, default=["wall"])
+    parser.add_argument("--event", nargs="+", metavar="WORD", help="only events whose name contains a word")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="the rooms, to use again")
+    options = parser.parse_args()
+    with threadpool_limits(limits=1), tempfile.TemporaryDirectory() as temporary:
+        for name in options.room:
+            folder = (options.keep or Path(temporary)) / name
+            folder.mkdir(parents=True, exist_ok=True)
+            study = Study(name, folder)
+            print(
+                f"\n{name}\n\n| event | film | found (px; light) | without | watched | true | first answer | states |"
+            )
+            print("|---|---|---|---|---|---|---|---|")
+            for event in EVENTS:
+                if not options.event or any(word in event.name for word in options.event):
+                    print(row(study, event), flush=True)
+                    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

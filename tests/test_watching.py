@@ -1,0 +1,139 @@
+"""Changes of a rig's room during a film are found; what is no change of room or lamp is not corrected but reported."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from counterlight.calibration import Calibration, Device
+from counterlight.pipeline.drift import Moved
+from counterlight.response import Response
+from counterlight.tools.acquisition.registration import random_field
+from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.transport.transport import Transport
+from counterlight.tools.watching.view import RoomView
+from counterlight.unattended.watch_link import Answer
+from tests.rig.projector import Projector
+from tests.rig.rays import FloatArray
+from tests.rig.rig import Devices, Rig
+from tests.rig.rooms import ROOMS
+from tests.rig.watching import WatchCamera
+from tests.watched_films import Film, Scene, watched
+
+SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
+CALM = Devices(projector=Projector(gammas=None))
+NEAR_PX, NEAR_LIGHT = 0.06, 0.015  # a film of 16 s after the change; 64x48 camera pixels of 8 bits
+STILL_PX = 0.02  # of the picture's middle, if nothing has moved
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig(ROOMS["wall"](SCALE), CALM)
+
+
+@pytest.fixture(scope="module")
+def view(rig: Rig) -> RoomView:
+    """The room without errors of a calibration: each channel of the camera sees one primary."""
+    (height, width), (rows, columns) = rig.camera, rig.raster
+    near = sparse.csr_array(rig.transport.near)
+    camera, projector = height * width, rows * columns
+    matrices = [
+        sparse.csr_array(near[k * camera : (k + 1) * camera, k * projector : (k + 1) * projector]) for k in range(3)
+    ]
+    transport = Transport.from_matrices(matrices, camera=rig.camera, projector=rig.raster)
+    black = rig.seen(np.zeros((rows, columns, 3), np.uint8)).reshape(height, width, 3).astype(np.float32)
+    flood = transport.composition().reshape(black.shape)
+    mask = (flood > 0.05 * flood.max()).all(axis=2)
+    device = Device(rows, columns, Response("srgb"))
+    room = Calibration("rig", "", (device,), Device(height, width, Response("linear")), black, mask)
+    return RoomView(tier_of(room, transport), 1)
+
+
+def film(rig: Rig) -> Film:
+    """Returns pictures of random fields, each for half a second, then faded into the next one."""
+    rng = np.random.default_rng(3)
+    pictures = [
+        np.stack([random_field(rig.raster, 3 * number + k) for k in range(3)], axis=2) * rng.uniform(0.5, 0.9, 3)
+        for number in range(12)
+    ]
+
+    def at(time_s: float) -> FloatArray:
+        number, share = divmod(time_s, 1.5)
+        one, other = (pictures[int(number + i) % len(pictures)] for i in range(2))
+        fade = np.clip(share - 0.5, 0, 1)
+        return np.asarray((1 - fade) * one + fade * other)
+
+    return at
+
+
+def seen(view: RoomView, rig: Rig, scene: Scene, end_s: float = END_S) -> list[Answer]:
+    return [moment.answer for moment in watched(view, rig, film(rig), scene, end_s)]
+
+
+def later(**changes: object) -> Scene:
+    """Returns a scene whose devices change at CHANGE_S."""
+    return Scene(lambda time_s: replace(CALM, **changes) if time_s > CHANGE_S else CALM)  # type: ignore[arg-type]
+
+
+def middle(view: RoomView, answer: Answer) -> FloatArray:
+    """Returns the displacement of the picture's middle, projector pixels."""
+    each = answer.projectors[0]
+    moved = Moved(np.array(each.to_raster), np.array(each.gain))
+    return np.asarray(moved.at_corners(view.room.projectors[0])[0])
+
+
+@pytest.mark.parametrize("shift", [(0.3, 0.4), (-2.0, 1.0)])
+def test_a_jump_of_the_picture_is_found(view: RoomView, rig: Rig, shift: tuple[float, float]) -> None:
+    answers = seen(view, rig, later(shift=shift))
+    np.testing.assert_allclose(middle(view, answers[-1]), shift, atol=NEAR_PX)
+    np.testing.assert_allclose(answers[-1].projectors[0].gain, 1, atol=NEAR_LIGHT)
+    before = [middle(view, answer) for answer in answers[: int(2 * CHANGE_S) - 2]]
+    assert np.abs(before).max() < STILL_PX
+
+
+def test_a_lamp_that_dims_is_found(view: RoomView, rig: Rig) -> None:
+    last = seen(view, rig, later(projector=replace(CALM.projector, lamp=0.9)))[-1]
+    np.testing.assert_allclose(last.projectors[0].gain, 0.9, atol=NEAR_LIGHT)
+    assert np.abs(middle(view, last)).max() < STILL_PX
+
+
+def test_the_light_of_the_room_is_found(view: RoomView, rig: Rig) -> None:
+    last = seen(view, rig, later(room_light=3 * CALM.room_light))[-1]
+    added = 2 * rig.ambient
+    paint = view.paint.reshape(-1, 3)[view.room.mask.ravel()].astype(np.float64)
+    found = np.mean(last.ambient, axis=(0, 1))
+    expected = (added[view.room.mask.ravel()] * paint).sum(axis=0) / (paint**2).sum(axis=0)
+    np.testing.assert_allclose(found, expected, rtol=0.1)  # a field of twelve cells, clipped texture
+    assert np.abs(middle(view, last)).max() < STILL_PX
+
+
+def passing(time_s: float) -> FloatArray:
+    """Returns a dark person of a quarter of the view, who walks to the right."""
+    share, left = np.ones((48, 64)), int(2 * (time_s - CHANGE_S))
+    share[:, max(left, 0) : max(left + 16, 0)] = 0.3
+    return share
+
+
+@pytest.mark.parametrize("person", [False, True])
+def test_nothing_is_corrected_when_nothing_has_changed(view: RoomView, rig: Rig, person: bool) -> None:
+    scene = Scene(lambda _: CALM, passing) if person else Scene(lambda _: CALM)
+    for answer in seen(view, rig, scene):
+        assert np.abs(middle(view, answer)).max() < STILL_PX
+        np.testing.assert_allclose(answer.projectors[0].gain, 1, atol=NEAR_LIGHT)
+
+
+@pytest.mark.parametrize(
+    ("scene", "state", "said"),
+    [
+        (later(camera_moved=(3, 2)), "camera moved", "put it back"),
+        (Scene(lambda _: CALM, camera=WatchCamera(automatic=True)), "camera changed", "exposure"),
+        (Scene(lambda _: CALM, frozen_s=CHANGE_S), "no camera", "repeats one picture"),
+    ],
+)
+def test_a_camera_that_changes_is_reported_and_nothing_corrected(
+    view: RoomView, rig: Rig, scene: Scene, state: str, said: str
+) -> None:
+    last = seen(view, rig, scene, CHANGE_S + 10)[-1]
+    assert (last.state, said in last.reason) == (state, True)
+    assert np.abs(middle(view, last)).max() < STILL_PX

@@ -1,0 +1,100 @@
+"""The watcher's process, between a player that sends frames and a camera: a moved picture, and a camera that fails."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from queue import Queue
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from counterlight import calibration
+from counterlight.calibration import StoredCalibration
+from counterlight.pipeline.drift import Moved
+from counterlight.unattended import watch_link
+from counterlight.unattended.watch_link import Answer, Light, Picture, Start
+from tests.drifted_rooms import write_changed
+from tests.programs import PATIENCE_S, ROOT, succeed
+
+SHIFT = 0.5, -0.25
+NEAR = 0.05  # pixels; boxes of light and interpolated pictures differ by this much in detail
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredCalibration:
+    folder = tmp_path_factory.mktemp("watched") / "room"
+    succeed("simulate", "wall", "-o", folder, "--projector", "64x48", "--camera", "80x60")
+    return calibration.read(folder)
+
+
+class _Watched:
+    """A running watcher, and what it answers."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        self._process, self.answers = process, Queue[Answer]()
+        Thread(target=self._listen, daemon=True).start()
+
+    def send(self, message: watch_link.Message) -> None:
+        assert self._process.stdin
+        self._process.stdin.write(watch_link.packed(message))
+        self._process.stdin.flush()
+
+    def show(self, drive: np.ndarray) -> None:
+        """Show a picture at this moment."""
+        now_s = time.monotonic()
+        self.send(Light(now_s, watch_link.grid_means(drive)))
+        self.send(Picture(now_s, drive.astype(np.float16)))
+
+    def until(self, state: str) -> Answer:
+        """Returns the next answer with a state."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            answer = self.answers.get(timeout=max(deadline - time.monotonic(), 0.01))
+            if answer.state == state:
+                return answer
+
+    def _listen(self) -> None:
+        assert self._process.stdout
+        for line in self._process.stdout:
+            self.answers.put(Answer.parse(line))
+
+
+@contextmanager
+def watching(stored: StoredCalibration, camera: str, folder: Path) -> Iterator[_Watched]:
+    words = [sys.executable, "-P", "-m", "counterlight.tools.watching"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as process:
+        watched = _Watched(process)
+        watched.send(Start(str(stored.folder), (camera,), (), 1, 1 / 60, str(folder)))
+        yield watched
+        assert process.stdin
+        process.stdin.close()
+        assert process.wait(PATIENCE_S) == 0
+
+
+def test_a_moved_picture_is_found_from_the_film(
+    stored: StoredCalibration, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    write_changed(tmp_path / "now", stored, shift=SHIFT)
+    height, width = stored.calibration.projector.shape
+    with watching(stored, f"simulated:{tmp_path / 'now'}", tmp_path) as watched:
+        watched.until("looking")
+        while True:
+            coarse = rng.random((height // 8 + 1, width // 8 + 1, 3)).repeat(8, axis=0).repeat(8, axis=1)
+            watched.show(coarse[:height, :width])
+            answer = watched.answers.get(timeout=PATIENCE_S)
+            rows = np.array(answer.projectors[0].to_raster) if answer.projectors else np.eye(3)
+            middle = Moved(rows, np.ones(3)).at_corners(stored.calibration.projectors[0])[0]
+            if np.abs(middle - SHIFT).max() < NEAR:
+                break
+    paint = np.load(tmp_path / watch_link.PAINT)
+    assert paint.shape == (*stored.calibration.camera.shape, 3)
+
+
+def test_a_missing_camera_is_reported_again_and_again(stored: StoredCalibration, tmp_path: Path) -> None:
+    with watching(stored, f"folder:{tmp_path / 'nowhere'}", tmp_path) as watched:
+        for _ in range(2):
+            assert "nowhere: no such folder" in watched.until("no camera").reason

@@ -1,0 +1,91 @@
+"""A film in a rig that changes, in compressed time: the watcher gets frames and captures, and its answers are applied.
+
+The rig shares no code with the product. The player is replaced by its pass for moved pictures.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.passes.encode import encoded
+from counterlight.pipeline.drift import Drift, Moved
+from counterlight.tools.acquisition.cameras.camera import Exposures
+from counterlight.tools.watching.view import RoomView
+from counterlight.tools.watching.watcher import Watcher
+from counterlight.unattended import watch_link
+from counterlight.unattended.watch_link import Answer, Light, Picture
+from tests.rig.rays import FloatArray
+from tests.rig.rig import Devices, Rig
+from tests.rig.watching import Frame, WatchCamera, WatchedRoom
+
+FRAMES_PER_S = 24
+BURST, BURST_EVERY_S, ANSWER_S = 4, 0.8, 0.5
+KEPT = 40  # frames that a capture can still see
+Film = Callable[[float], FloatArray]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What happens during a film.
+
+    devices : the devices at a time.
+    person : share of the light that reaches the camera at a time, (camera height, camera width), if not all.
+    frozen_s : from then on the camera repeats its last capture.
+    """
+
+    devices: Callable[[float], Devices]
+    person: Callable[[float], FloatArray | None] = lambda time_s: None
+    camera: WatchCamera = field(default_factory=WatchCamera)
+    frozen_s: float = np.inf
+
+
+@dataclass(frozen=True)
+class Moment:
+    """An answer, with the frame that was then displayed and the frame for a room without changes."""
+
+    time_s: float
+    answer: Answer
+    codes: NDArray[np.uint8]
+    uncorrected: NDArray[np.uint8]
+    rig: Rig
+
+    @property
+    def drift(self) -> Drift:
+        return drift_of(self.answer)
+
+
+def drift_of(answer: Answer) -> Drift:
+    return Drift(tuple(Moved(np.array(each.to_raster), np.array(each.gain)) for each in answer.projectors))
+
+
+def watched(view: RoomView, rig: Rig, film: Film, scene: Scene, seconds: float) -> Iterator[Moment]:
+    """Yield the answers during a film of linear drives (height, width, 3)."""
+    room, camera = view.room, scene.camera
+    watcher = Watcher(view, camera.exposure_s, 1 / FRAMES_PER_S)
+    seen = WatchedRoom(rig, camera, scene.devices, scene.person)
+    exposures = Exposures((1.0,), room.camera.response)
+    boxes = [(r.left, r.top, r.width, r.height) for r in room.regions]
+    frames, drift = list[Frame](), Drift(tuple(Moved.nothing() for _ in room.regions))
+    exposed_s, answered_s, shot = 0.2, 0.0, None
+    for number in range(round(seconds * FRAMES_PER_S)):
+        time_s = number / FRAMES_PER_S
+        drive = film(time_s)
+        codes = encoded(drift.shown(drive, room.regions), room.response)
+        reduced = watch_link.reduced(room.response.to_linear(codes), boxes, view.factor)
+        if not frames or not np.array_equal(codes, frames[-1].codes):
+            frames = [*frames[-KEPT:], Frame(time_s, codes)]
+            watcher.light(Light(time_s, watch_link.grid_means(reduced)))
+        if number % round(BURST_EVERY_S * FRAMES_PER_S) < BURST:
+            watcher.picture(Picture(time_s, reduced))
+        while exposed_s < time_s + 1 / FRAMES_PER_S:
+            if watcher.wants(exposed_s + camera.latency_s):
+                arrived_s, new = seen.capture(exposed_s, frames)
+                shot = new if shot is None or exposed_s < scene.frozen_s else shot
+                watcher.capture(arrived_s, shot, exposures)
+            exposed_s += camera.period_s
+        if time_s - answered_s >= ANSWER_S:
+            answered_s, answer = time_s, watcher.answer(time_s)
+            yield Moment(time_s, answer, codes, encoded(drive, room.response), seen.rig_at(time_s))
+            drift = drift_of(answer)

@@ -1,0 +1,130 @@
+"""python -m counterlight.tools.watching: the process that `counterlight play --watch` starts.
+
+Reads messages from standard input, and writes answers to standard output (counterlight.unattended.watch_link). Ends
+with its input. A camera that fails is opened again and again.
+"""
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from counterlight import calibration
+from counterlight.errors import InputError, one_line
+from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.watching.cameras import WatchCamera, open_cameras
+from counterlight.tools.watching.view import RoomView
+from counterlight.tools.watching.watcher import Watcher
+from counterlight.unattended.watch_link import PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
+
+ANSWER_S, STARTING_S, RETRY_S = 0.5, 5.0, 5.0
+READ_BYTES = 1 << 20
+
+
+def main() -> int:
+    messages = _messages()
+    start = next(messages, None)
+    if start is None:
+        return 0
+    if not isinstance(start, Start):
+        raise InputError(f"the first message is {type(start).__name__}, expected Start")
+    with threadpool_limits(limits=1):
+        process = _Process(start)
+        for target in (process.answer, process.look):
+            threading.Thread(target=target, daemon=True).start()
+        for message in messages:
+            process.take(message)
+    return 0
+
+
+class _Process:
+    """The watcher between three threads: messages, captures and answers. `_lock` guards the watcher."""
+
+    def __init__(self, start: Start) -> None:
+        self._start, self._lock = start, threading.Lock()
+        self._watcher: Watcher | None = None
+        self._camera: WatchCamera | None = None
+        self._trouble = ""
+
+    def take(self, message: Message) -> None:
+        camera = self._camera
+        with self._lock:
+            watcher = self._watcher
+            if watcher is None:
+                return
+            if isinstance(message, Light):
+                watcher.light(message)
+            elif isinstance(message, Situation):
+                watcher.situation(message)
+            elif isinstance(message, Picture):
+                watcher.picture(message)
+        if isinstance(message, Picture) and camera is not None:
+            camera.show(message)
+
+    def look(self) -> None:
+        """Read the room, then take captures, and open the camera again after a failure."""
+        stored = calibration.read(Path(self._start.calibration))
+        view = RoomView(tier_of(stored.calibration, read_transport(stored), self._start.colour), self._start.factor)
+        np.save(Path(self._start.folder) / PAINT, view.paint)
+        while True:
+            try:
+                with open_cameras(self._start, stored.calibration) as camera:
+                    self._see(view, camera)
+            except InputError as error:
+                self._trouble, self._camera = one_line(error), None
+            time.sleep(RETRY_S)
+
+    def answer(self) -> None:
+        """Write an answer every ANSWER_S, while the room is read less often."""
+        while True:
+            with self._lock:
+                watcher = self._watcher
+                answer = watcher.answer(time.monotonic()) if watcher is not None else Answer("starting")
+            if self._trouble:
+                answer = Answer(
+                    "no camera", self._trouble, answer.projectors, answer.ambient, 0.0, 0.0, answer.captures
+                )
+            line = answer.line()
+            with suppress(BrokenPipeError):
+                os.write(sys.stdout.fileno(), line)
+            time.sleep(ANSWER_S)
+
+    def _see(self, view: RoomView, camera: WatchCamera) -> None:
+        with self._lock:
+            if self._watcher is None:
+                self._watcher = Watcher(view, camera.exposure_s, self._start.refresh_s, follows=camera.follows)
+            watcher = self._watcher
+        self._camera, period_s, last_s = camera, 0.0, time.monotonic()
+        while True:
+            with self._lock:
+                wants = watcher.wants(last_s + period_s)
+            if camera.follows or wants:
+                arrived_s, shot = camera.frame()
+                with self._lock:
+                    watcher.capture(arrived_s, shot, camera.exposures)
+            else:
+                arrived_s = camera.skip()
+            period_s = (
+                min(max(arrived_s - last_s, 0.0), 0.2)
+                if not period_s
+                else 0.9 * period_s + 0.1 * min(max(arrived_s - last_s, 0.0), 0.2)
+            )
+            self._trouble, last_s = "", arrived_s
+
+
+def _messages() -> Iterator[Message]:
+    """Yield the messages of standard input until it ends."""
+    unpacker = Unpacker()
+    while content := os.read(0, READ_BYTES):
+        yield from unpacker.feed(content)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

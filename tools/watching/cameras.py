@@ -1,0 +1,181 @@
+"""The cameras of the watcher: eyes of live cameras, the newest file of a folder, and a simulated room."""
+
+import os
+import queue
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from counterlight.calibration import Calibration
+from counterlight.errors import InputError
+from counterlight.passes.encode import encoded
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.cameras.folder import ANY_CASE
+from counterlight.tools.acquisition.cameras.live import Eye
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
+from counterlight.tools.acquisition.cameras.together import TogetherEye, together
+from counterlight.tools.acquisition.rig import open_eye, parted
+from counterlight.tools.hdr.photographs import read_photograph
+from counterlight.unattended.watch_link import Picture, Start, reduced_boxes
+
+KINDS = "v4l2:NUMBER, pylon:SERIAL|N, simulated:SCENE|CALIBRATION or folder:DIR"
+LIVE = "v4l2", "pylon"
+POLL_S = 0.01
+SILENT_S = 5.0  # without a new file
+BRIEF_S = 1e-4  # exposure of a simulated camera
+
+
+class WatchCamera(Protocol):
+    """A camera whose frames arrive by themselves.
+
+    exposures : conversion of shots to radiance.
+    exposure_s : duration of an exposure; None if it is unknown.
+    follows : whether each capture shows exactly one picture that the player has sent.
+    """
+
+    @property
+    def exposures(self) -> Exposures: ...
+    @property
+    def exposure_s(self) -> float | None: ...
+    @property
+    def follows(self) -> bool: ...
+    def skip(self) -> float:
+        """Wait for the next frame, and discard it; returns the time of its arrival. Raises InputError without one."""
+
+    def frame(self) -> tuple[float, Shot]:
+        """Wait for the next frame; returns the time of its arrival, and the frame. Raises InputError without one."""
+
+    def show(self, picture: Picture) -> None:
+        """Take a displayed picture, for cameras that are simulated."""
+
+
+class LiveFrames:
+    """The frames of one or more eyes, (height, width) or (height, width, 3) for all of them together."""
+
+    follows = False
+
+    def __init__(self, eye: Eye, exposures: Exposures) -> None:
+        self._eye, self.exposures, self.exposure_s = eye, exposures, exposures.shortest
+        eye.expose(exposures.shortest)
+
+    def skip(self) -> float:
+        self._eye.skip()
+        return time.monotonic()
+
+    def frame(self) -> tuple[float, Shot]:
+        shot = self._eye.frame()
+        return time.monotonic(), shot
+
+    def show(self, picture: Picture) -> None:
+        """Does nothing: the camera sees the projector."""
+
+
+class NewestFile:
+    """The newest photograph in a folder, as soon as it appears. Files whose name starts with a dot are incomplete."""
+
+    follows, exposure_s = False, None
+
+    def __init__(self, folder: Path, exposures: Exposures) -> None:
+        self._folder, self.exposures = folder, exposures
+        self._seen_ns = time.time_ns()
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; name the folder that another program writes captures to")
+
+    def skip(self) -> float:
+        return self._next()[0]
+
+    def frame(self) -> tuple[float, Shot]:
+        time_s, path = self._next()
+        return time_s, read_photograph(path)
+
+    def show(self, picture: Picture) -> None:
+        """Does nothing: another program photographs."""
+
+    def _next(self) -> tuple[float, Path]:
+        deadline = time.monotonic() + SILENT_S
+        while time.monotonic() < deadline:
+            with os.scandir(self._folder) as entries:
+                files = [each for each in entries if Path(each.name).suffix in ANY_CASE and each.name[0] != "."]
+                written, path = max(((each.stat().st_mtime_ns, each.path) for each in files), default=(0, ""))
+            if written > self._seen_ns:
+                self._seen_ns = written
+                return time.monotonic() - (time.time_ns() - written) * 1e-9, Path(path)
+            time.sleep(POLL_S)
+        raise InputError(f"{self._folder}: no new photograph for {SILENT_S:.0f} s")
+
+
+class SimulatedFrames:
+    """A simulated room under the pictures that the player sends; each gives one capture."""
+
+    exposure_s, follows = BRIEF_S, True
+
+    def __init__(self, room: Calibration, camera: SimulatedCamera, factor: int) -> None:
+        self._room, self._camera, self._factor = room, camera, factor
+        self.exposures, self._pictures = camera.exposures, queue.Queue[Picture](maxsize=2)
+        self._number = 0
+        camera.eye.expose(camera.exposures.shortest)
+
+    def skip(self) -> float:
+        return self._next().time_s
+
+    def frame(self) -> tuple[float, Shot]:
+        picture = self._next()
+        self._number += 1
+        regions = self._room.regions
+        whole = np.zeros((*self._room.projector.shape, 3))
+        boxes = reduced_boxes([(r.left, r.top, r.width, r.height) for r in regions], self._factor)
+        for (left, top, width, height), region in zip(boxes, regions, strict=True):
+            part = picture.drive[top : top + height, left : left + width].astype(np.float64)
+            fine = part.repeat(self._factor, axis=0).repeat(self._factor, axis=1)
+            whole[region.part] = fine[: region.height, : region.width]
+        self._camera.screen.show(encoded(whole, self._room.response))
+        self._camera.eye.begin(self._number)
+        return picture.time_s + BRIEF_S, self._camera.eye.frame()
+
+    def show(self, picture: Picture) -> None:
+        if not self._pictures.full():
+            self._pictures.put(picture)
+
+    def _next(self) -> Picture:
+        try:
+            return self._pictures.get(timeout=SILENT_S)
+        except queue.Empty:
+            raise InputError("the simulated camera: the player has sent no picture") from None
+
+
+@contextmanager
+def open_cameras(start: Start, room: Calibration) -> Iterator[WatchCamera]:
+    """Open the cameras of --watch. Raises InputError for missing or unsuitable cameras."""
+    words = [parted(camera) for camera in start.cameras]
+    for camera, (kind, source) in zip(start.cameras, words, strict=True):
+        if kind not in (*LIVE, "simulated", "folder") or not source:
+            raise InputError(f"--watch {camera}: expected {KINDS}")
+        if len(words) > 1 and (kind not in LIVE):
+            raise InputError(f"--watch {camera}: cannot watch together with others")
+    exposures = Exposures((min(start.exposures, default=1.0),), room.camera.response)
+    kind, source = words[0]
+    with ExitStack() as opened:
+        if kind == "simulated":
+            rooms = simulated_rooms(Path(source))
+            settings = CameraSettings(exposures=exposures.times, response=exposures.response)
+            yield SimulatedFrames(room, SimulatedCamera(rooms[0], settings, None, rooms[1:]), start.factor)
+        elif kind == "folder":
+            yield NewestFile(Path(source), exposures)
+        else:
+            if not start.exposures:
+                raise InputError(f"--watch {start.cameras[0]}: needs the exposure of the calibration; add --exposures")
+            eye = together([open_eye(*each, exposures.response, opened) for each in words])
+            _check_sizes(eye, room)
+            yield LiveFrames(eye, exposures)
+
+
+def _check_sizes(eye: Eye, room: Calibration) -> None:
+    first = eye.frame()
+    found = eye.views if isinstance(eye, TogetherEye) else ((first.shape[0], first.shape[1]),)
+    if found != room.cameras:
+        names = [" and ".join(f"{width}x{height}" for height, width in each) for each in (found, room.cameras)]
+        raise InputError(f"the camera gives {names[0]}, the calibration was made with {names[1]}; set it to that size")

@@ -1,0 +1,215 @@
+"""Which frames a capture saw: the latency of the camera from changes of the film, and the mean picture of an exposure.
+
+A capture that arrives at time t has seen the light of t − L − E to t − L. L, the latency, and E, the exposure, are
+found from the differences d between successive captures, as means over coarse regions. They minimise Σ |d − d'(L, E)|²,
+where d' is predicted from the mean light of the frames during the exposure.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.unattended.watch_link import Light, Picture
+
+KEPT_S = 120.0  # light that is remembered
+PICTURES_S = 3.0  # pictures that are remembered
+MOST_LATENCY_S = 0.4
+STEPS_S = 0.004  # of the search for the latency
+CAPTURES = 150  # most captures of the search
+FEWEST = 8
+EXPLAINED = 0.3  # share of the changes that the best latency must explain
+INDEPENDENT = 8  # independent numbers of a capture, of all its regions and channels
+CLEAR, SURE = 30.0, 9.0  # log likelihood ratios (χ²) of a latency further away, and of the deviation of the best
+AWAY = 3.0  # refreshes
+SAME = 2e-3  # change of the light, RMS of drive; less is no change
+
+
+@dataclass(frozen=True)
+class Window:
+    """When a capture was exposed: between `first_s` and `last_s`, each with the same uncertainty.
+
+    unsure_s : largest error of both times.
+    """
+
+    first_s: float
+    last_s: float
+    unsure_s: float
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """The mean picture of an exposure, (height, width, 3), and half its difference if the exposure were later."""
+
+    picture: FloatArray
+    change: FloatArray
+
+
+@dataclass(frozen=True)
+class Latency:
+    """latency_s, exposure_s : L and E; unsure_s : largest error of L; known : whether the film has told them."""
+
+    latency_s: float
+    exposure_s: float
+    unsure_s: float
+    known: bool
+
+
+class Timeline:
+    """The displayed frames and the captures of the last time.
+
+    coarse : (3, regions, cells), from `RoomView.coarse`.
+    exposure_s : E; None if it is unknown.
+    follows : whether captures arrive at the end of their exposure.
+    """
+
+    def __init__(self, coarse: FloatArray, exposure_s: float | None, refresh_s: float, *, follows: bool) -> None:
+        self._coarse, self._refresh_s = coarse, refresh_s
+        self._given = exposure_s
+        self._times: deque[float] = deque()
+        self._lights: deque[NDArray[np.float32]] = deque()
+        self._pictures: deque[Picture] = deque()
+        self._captures: deque[tuple[float, FloatArray]] = deque(maxlen=CAPTURES)
+        widest = 0.0 if follows else MOST_LATENCY_S / 2
+        self.latency = Latency(widest, exposure_s or 0.0, widest, known=follows)
+        self._follows = follows
+
+    def light(self, light: Light) -> None:
+        self._times.append(light.time_s)
+        self._lights.append(light.grid.reshape(-1, 3))
+        while self._times[0] < light.time_s - KEPT_S:
+            self._times.popleft()
+            self._lights.popleft()
+
+    def picture(self, picture: Picture) -> None:
+        self._pictures.append(picture)
+        while len(self._pictures) > 2 and self._pictures[1].time_s < picture.time_s - PICTURES_S:
+            self._pictures.popleft()
+
+    def captured(self, time_s: float, regions: FloatArray) -> None:
+        """Take a capture's light above ambient, (regions, 3)."""
+        self._captures.append((time_s, regions))
+
+    def window(self, time_s: float) -> Window:
+        """Return when a capture that arrived at `time_s` was exposed."""
+        last = time_s - self.latency.latency_s
+        return Window(last - self.latency.exposure_s, last, self.latency.unsure_s)
+
+    def knows(self, window: Window) -> bool:
+        """Whether the pictures are known for all of a window and its uncertainty."""
+        return self._shown(window) is not None
+
+    def seen(self, window: Window) -> Exposed | None:
+        """Return the mean picture of a window; None if it is not known."""
+        found = self._shown(window)
+        if found is None:
+            return None
+        shown, pictures = found
+        drives = [picture.drive.astype(np.float32) for picture in pictures]
+        early, mean, late = (
+            _weighted(drives, shown, window.first_s + shift, window.last_s + shift)
+            for shift in (-window.unsure_s, 0.0, window.unsure_s)
+        )
+        return Exposed(mean, (late - early) / 2)
+
+    def _shown(self, window: Window) -> tuple[list[float], list[Picture]] | None:
+        """Return the changes of the picture in a window and its uncertainty, and the pictures from then on."""
+        first, last = window.first_s - window.unsure_s, window.last_s + window.unsure_s
+        if not self._times or self._times[0] > first or not self._pictures:
+            return None
+        times = np.array(self._times)
+        shown, pictures = self._changes(times, first, last), list[Picture]()
+        for time_s in shown:
+            picture = self._picture_of(times, time_s)
+            if picture is None:
+                return None
+            pictures.append(picture)
+        return shown, pictures
+
+    def _changes(self, times: FloatArray, first_s: float, last_s: float) -> list[float]:
+        """Return the times of the frames that stand between two times, without frames equal to their predecessor."""
+        begin = int(np.searchsorted(times, first_s, side="right")) - 1
+        end = int(np.searchsorted(times, last_s, side="left"))
+        found = [begin]
+        for i in range(begin + 1, end):
+            if not self._same(i, found[-1]):
+                found.append(i)
+        return [float(times[i]) for i in found]
+
+    def _same(self, one: int, other: int) -> bool:
+        return bool(np.abs(self._lights[one] - self._lights[other]).max() < SAME)
+
+    def _picture_of(self, times: FloatArray, time_s: float) -> Picture | None:
+        """Return the picture of the frame shown at a time, or of an equal frame."""
+        nearest = min(self._pictures, key=lambda picture: abs(picture.time_s - time_s), default=None)
+        if nearest is None or nearest.time_s == time_s:
+            return nearest
+        one, other = sorted(int(np.searchsorted(times, t, side="right")) - 1 for t in (nearest.time_s, time_s))
+        if one < 0 or any(not self._same(i, one) for i in range(one + 1, other + 1)):
+            return None
+        return nearest
+
+    def find(self) -> None:
+        """Estimate latency and exposure from the captures so far."""
+        if self._follows or len(self._captures) < FEWEST or len(self._times) < 2:
+            return
+        times = np.array([time for time, _ in self._captures])
+        told = times > self._times[0] + MOST_LATENCY_S + self._refresh_s
+        if told.sum() < FEWEST:
+            return
+        differences = np.diff(np.stack([seen for _, seen in self._captures])[told], axis=0)
+        total = float(np.sum(differences**2))
+        if total <= 0:
+            return
+        lags, exposures = np.arange(0.0, MOST_LATENCY_S, STEPS_S), self._exposures()
+        integral = _Integral(np.array(self._times), np.stack(self._lights))
+        costs = np.array([[self._cost(integral, times[told], differences, L, E) for L in lags] for E in exposures])
+        number, lag = np.unravel_index(np.argmin(costs), costs.shape)
+        least, along = float(costs[number, lag]), costs[number]
+        worse = INDEPENDENT * len(differences) * np.log(along / max(least, 1e-30))
+        away = np.abs(lags - lags[lag]) > AWAY * self._refresh_s
+        if least > (1 - EXPLAINED) * total or worse[away].min() < CLEAR:
+            return
+        near = lags[worse < SURE]
+        unsure = max(self._refresh_s / 4, STEPS_S, float(np.ptp(near)) / 2)
+        self.latency = Latency(float(near.mean()), float(exposures[number]), unsure, known=True)
+
+    def _exposures(self) -> FloatArray:
+        if self._given is not None:
+            return np.array([self._given])
+        return self._refresh_s * np.array([0.05, 0.5, 1, 1.5, 2, 3])
+
+    def _cost(self, integral: "_Integral", times: FloatArray, differences: FloatArray, L: float, E: float) -> float:
+        light = integral.mean(times - L - E, times - L)
+        predicted = np.einsum("krc,tck->trk", self._coarse, light)
+        residual = np.diff(predicted, axis=0) - differences
+        return float(np.sum(residual**2))
+
+
+class _Integral:
+    """The integral over time of light that is constant between its changes."""
+
+    def __init__(self, times: FloatArray, lights: FloatArray) -> None:
+        self._times, self._lights = times, lights
+        steps = np.diff(times)[:, None, None] * lights[:-1]
+        self._sums = np.concatenate([np.zeros((1, *lights.shape[1:])), np.cumsum(steps, axis=0)])
+
+    def mean(self, first: FloatArray, last: FloatArray) -> FloatArray:
+        """Return the mean light between times, (n, cells, 3)."""
+        length = np.maximum(last - first, 1e-6)[:, None, None]
+        return np.asarray((self._at(first + length[:, 0, 0]) - self._at(first)) / length)
+
+    def _at(self, times: FloatArray) -> FloatArray:
+        i = np.clip(np.searchsorted(self._times, times, side="right") - 1, 0, len(self._times) - 1)
+        return np.asarray(self._sums[i] + (times - self._times[i])[:, None, None] * self._lights[i])
+
+
+def _weighted(drives: list[NDArray[np.float32]], shown: list[float], first_s: float, last_s: float) -> FloatArray:
+    """Return the mean of pictures that stand from their time to the next one's, between two times."""
+    last_s = max(last_s, first_s + 1e-6)
+    edges = np.clip([*shown, np.inf], first_s, last_s)
+    edges[0] = first_s
+    weights = np.diff(edges) / (last_s - first_s)
+    return np.asarray(sum(weight * drive for weight, drive in zip(weights, drives, strict=True)), np.float64)

@@ -1,0 +1,340 @@
+"""The watcher: takes frames and captures, and says which correction the player should apply, and why.
+
+It knows no clock and no device: times come with frames and captures, so that a recorded evening gives the same answers.
+"""
+
+from collections import Counter, deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.pipeline.drift import Moved
+from counterlight.raster import Shape
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.registration import homography
+from counterlight.tools.watching.estimate import STILL_AMBIENT, STILL_LIGHT, STILL_PX, WORTH, Estimate, Found
+from counterlight.tools.watching.evidence import CHANNELS, FIELD, Compared, Comparison
+from counterlight.tools.watching.timeline import Exposed, Timeline
+from counterlight.tools.watching.view import RoomView, regional
+from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation, farthest_px
+
+LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
+OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
+SAME_S = 1.0  # the same between captures of one picture
+RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
+CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
+STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
+CHANGED = 0.02  # RMS change of the light of a film that changes
+SILENT_S = 3.0  # without captures
+STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the prediction
+EXPOSURES = 12  # captures that tell an automatic exposure
+AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
+GAIN = 0.5, 1.15  # limits of the light
+PX_PER_S, LIGHT_PER_S = 1.0, 0.03
+ROUNDED = 0.3  # code values
+BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
+UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
+JUMP_PX = 1.0  # larger changes are applied at once
+MISFITTING, SEARCHED = 0.05, (2.0, 1.0, 0.5)  # share of outliers that starts the search of a jump; steps in pixels
+SEARCH_S = 1.0, 30.0  # between two searches; doubles after each search in vain
+MUCH_BETTER = 0.7  # factor by which a jump must reduce the misfit
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """A capture that was compared."""
+
+    time_s: float
+    exposed: Exposed
+    measured: FloatArray
+    compared: Compared
+
+
+class Watcher:
+    """Watches one room.
+
+    exposure_s : exposure of the captures; None if unknown.
+    follows : whether a capture arrives at the end of its exposure.
+    """
+
+    def __init__(self, view: RoomView, exposure_s: float | None, refresh_s: float, *, follows: bool = False) -> None:
+        self._view, self._comparison = view, Comparison(view)
+        self._estimate = Estimate(self._comparison.layout)
+        coarse, self._region = view.coarse
+        self._timeline = Timeline(coarse, exposure_s, refresh_s, follows=follows)
+        self._situation = Situation()
+        self._taken: deque[_Taken] = deque(maxlen=30)
+        self._last: tuple[float, FloatArray, NDArray[np.float32] | None] | None = None
+        self._light: NDArray[np.float32] | None = None
+        self._compared_light: NDArray[np.float32] | None = None
+        self._same = self._captures = 0
+        self._rejected: Counter[str] = Counter()
+        self._found: Found | None = None
+        self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
+        self._frame_s = self._capture_s = self._compared_s = -np.inf
+        self._history: deque[FloatArray] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
+        self._applied = self._estimate.applied
+        self._unclear_s = np.inf
+        self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
+        self._jumped, self._rest_s = False, SEARCH_S[0]
+
+    def light(self, light: Light) -> None:
+        self._timeline.light(light)
+        self._light, self._frame_s = light.grid, light.time_s
+
+    def picture(self, picture: Picture) -> None:
+        self._timeline.picture(picture)
+
+    def situation(self, situation: Situation) -> None:
+        self._situation = situation
+
+    def wants(self, time_s: float) -> bool:
+        """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
+        if time_s - self._capture_s > (RARE_S if self._timeline.latency.known else LOOKING_S):
+            return True
+        pause_s = SAME_S if self._light is self._compared_light else self._pause_s
+        return time_s - self._compared_s > pause_s and self._timeline.knows(self._timeline.window(time_s))
+
+    def capture(self, time_s: float, shot: Shot, exposures: Exposures) -> None:
+        """Take a capture that arrived at `time_s`; `exposures` converts its code values to radiance."""
+        measured = self._view.measured(exposures.radiance([shot]))
+        self._capture_s = time_s
+        if self._stands_still(time_s, measured):
+            self._rejected["identical"] += 1
+            return
+        light = measured - self._comparison.ambient(self._estimate.theta)
+        regions = np.stack([regional(light[:, i], self._region) for i in range(CHANNELS)], axis=1)
+        self._timeline.captured(time_s, regions)
+        if time_s - self._looked_s > LATENCY_EVERY_S:
+            self._looked_s = time_s
+            self._timeline.find()
+        exposed = self._timeline.seen(self._timeline.window(time_s))
+        if exposed is None:
+            self._rejected["unknown frames"] += 1
+            return
+        if float(np.sqrt(np.mean(exposed.change**2))) > CUT:
+            self._rejected["cut"] += 1
+            return
+        self._compare(time_s, exposed, measured, shot, exposures)
+
+    def answer(self, now_s: float) -> Answer:
+        """Return the correction to apply, and why."""
+        state, reason = self._state(now_s)
+        estimate, step_s = self._estimate, min(now_s - self._answered_s, 1.0)
+        if state in ("camera moved", "camera changed") and self._history:
+            estimate.applied = self._applied = self._history[0]  # from before the camera changed
+            self._history.clear()
+        elif now_s - self._answered_s >= FIND_EVERY_S:
+            self._history.append(self._applied)
+        if state == "correcting" and self._found is not None:
+            estimate.applied = self._found.theta
+        if state in ("correcting", "holding"):
+            self._approach(estimate.applied, step_s)
+        self._answered_s = now_s
+        latency = self._timeline.latency
+        return Answer(
+            state,
+            reason,
+            self._projected(self._applied),
+            self._field(self._applied),
+            self._confidence(),
+            latency.latency_s if latency.known else 0.0,
+            self._captures,
+            dict(self._rejected),
+        )
+
+    def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
+        unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, measured)
+        compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
+        taken = _Taken(time_s, exposed, measured, compared)
+        if compared.outliers < MISFITTING:
+            self._rest_s = SEARCH_S[0]
+        elif time_s - self._searched_s > self._rest_s:
+            self._searched_s, self._rest_s = time_s, min(2 * self._rest_s, SEARCH_S[1])
+            if self._jump(taken):
+                compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
+                taken = _Taken(time_s, exposed, measured, compared)
+        self._compared_s, self._compared_light = time_s, self._light
+        previous = self._taken[-1].exposed.picture if self._taken else None
+        self._taken.append(taken)
+        self._captures += 1
+        if compared.outliers > 0.5:
+            self._rejected["outlier"] += 1
+            return
+        change = np.inf if previous is None else float(np.sqrt(np.mean((exposed.picture - previous) ** 2)))
+        self._estimate.add(time_s, compared, change)
+        if time_s - self._fitted_s >= FIND_EVERY_S:
+            self._fitted_s = time_s
+            self._found = self._estimate.find()
+
+    def _jump(self, taken: _Taken) -> bool:
+        """Search for a jump of each picture, and continue from it if it explains the capture much better."""
+        theta, before = (
+            self._estimate.theta,
+            self._comparison.misfit(taken.exposed, taken.measured, self._estimate.theta),
+        )
+        least = before
+        for number in range(self._comparison.layout.projectors):
+            place = self._comparison.layout.geometry(number)[:2]
+            for step in SEARCHED:
+                centre = theta
+                for right in (-2, -1, 0, 1, 2):
+                    for down in (-2, -1, 0, 1, 2):
+                        trial = centre.copy()
+                        trial[place] += np.array([right, down]) * step
+                        cost = self._comparison.misfit(taken.exposed, taken.measured, trial)
+                        if cost < least:
+                            theta, least = trial, cost
+        if least > MUCH_BETTER * before:
+            return False
+        self._estimate.restart(theta)
+        self._found, self._jumped = None, True
+        return True
+
+    def _stands_still(self, time_s: float, measured: FloatArray) -> bool:
+        """Whether a capture equals the previous one although the film has changed."""
+        previous, self._last = self._last, (time_s, measured, self._light)
+        if previous is None or not np.array_equal(previous[1], measured):
+            self._same = 0
+            return False
+        assert self._last is not None
+        self._last = (time_s, measured, previous[2])
+        changed = previous[2] is not None and self._light is not None and _rms(self._light - previous[2]) > CHANGED
+        self._same += changed
+        return True
+
+    def _state(self, now_s: float) -> tuple[str, str]:
+        if self._situation.frozen:
+            return "frozen", "the correction is frozen"
+        if self._capture_s > -np.inf and now_s - self._capture_s > SILENT_S:
+            return "no camera", f"no capture for {now_s - self._capture_s:.0f} s"
+        if self._same >= STILL_CAMERA:
+            return "no camera", "the camera repeats one picture while the film changes"
+        if self._automatic():
+            return "camera changed", "the camera's exposure follows the film: set exposure and gain by hand"
+        strange = [each.compared.agreement for each in list(self._taken)[-STRANGE:]]
+        strange = [each for each in strange if np.isfinite(each)]
+        if len(strange) >= STRANGE // 2 and float(np.median(strange)) < AGREED:
+            return "not the room", (
+                f"captures and predictions agree to {np.median(strange):.2f}: is the camera where it was, is the "
+                "projector the calibrated one?"
+            )
+        if self._found is None:
+            if not self._taken:
+                known = self._timeline.latency.known
+                return "looking", "" if known else "the film has not yet told when the camera sees a frame"
+            return "holding", "too few captures"
+        return self._state_of(self._found, now_s)
+
+    def _state_of(self, found: Found, now_s: float) -> tuple[str, str]:
+        if found.camera is not None and found.camera > WORTH:
+            return "camera moved", "the camera has moved: put it back, or acquire again"
+        beyond = self._beyond(found.theta)
+        if beyond is not None:
+            return beyond
+        if np.array_equal(found.theta, self._estimate.applied):
+            return "holding", "nothing has changed" if min(found.known) == 1 else "the film says too little"
+        if found.better < WORTH:
+            return "holding", "a correction would not predict other captures better"
+        places = self._comparison.layout.all_geometry
+        moves = np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX
+        unclear = moves and found.camera is not None and found.camera > -WORTH
+        self._unclear_s = min(self._unclear_s, now_s) if unclear else np.inf
+        if now_s - self._unclear_s < UNCLEAR_S and unclear:
+            return "holding", "it is unclear whether the camera or a projector has moved"
+        return "correcting", self._changes(found.theta)
+
+    def _automatic(self) -> bool:
+        """Whether the gain of the captures follows the brightness of the film."""
+        told = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain)]
+        if len(told) < EXPOSURES:
+            return False
+        gain = np.log([max(each.gain, 1e-3) for each in told])
+        light = np.log([max(each.brightness, 1e-3) for each in told])
+        if gain.std() < AUTOMATIC[1] or light.std() < AUTOMATIC[1]:
+            return False
+        return float(np.corrcoef(gain, light)[0, 1]) < -AUTOMATIC[0]
+
+    def _beyond(self, theta: FloatArray) -> tuple[str, str] | None:
+        """Return the state and the reason if θ exceeds the limits of corrections."""
+        for number, device in enumerate(self._view.room.projectors):
+            name = "the projector" if len(self._view.boxes) == 1 else f"projector {number + 1}"
+            far = float(np.hypot(*self._moved(theta, number).at_corners(device).T).max())
+            if far > farthest_px(device.shape):
+                return "acquire again", f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
+            gain = 1 + theta[self._comparison.layout.gain(number)]
+            if gain.max() > GAIN[1]:
+                said = f"{name} seems {gain.mean():.0%} as bright as calibrated"
+                return "camera changed", f"{said}: set the camera's exposure and gain as for the calibration"
+            if gain.min() < GAIN[0]:
+                return "acquire again", f"{name}'s light is {gain.mean():.0%} of what it was: acquire again"
+        return None
+
+    def _changes(self, theta: FloatArray) -> str:
+        said, layout = [], self._comparison.layout
+        for number, device in enumerate(self._view.room.projectors):
+            name = "the picture" if len(self._view.boxes) == 1 else f"picture {number + 1}"
+            right, down = self._moved(theta, number).at_corners(device)[0]
+            if np.abs(theta[layout.geometry(number)]).max() >= STILL_PX:
+                said.append(f"{name} has moved by {right:.2f}, {down:.2f} pixels")
+            gain = theta[layout.gain(number)]
+            if np.abs(gain).max() >= STILL_LIGHT:
+                said.append(f"{name}'s light is {1 + gain.mean():.1%} of what it was")
+        room_light = float(theta[layout.ambient].mean())
+        if abs(room_light) >= STILL_AMBIENT:
+            said.append(f"the room's light has changed by {room_light:.1%} of white")
+        return "; ".join(said) or "back to the calibration"
+
+    def _approach(self, theta: FloatArray, step_s: float) -> None:
+        """Move the applied θ towards θ, at the largest allowed speed."""
+        layout, change = self._comparison.layout, theta - self._applied
+        px = float(np.abs(change[layout.all_geometry]).max())
+        light = float(np.abs(change[np.concatenate([layout.all_gains, layout.ambient])]).max())
+        share = min(1.0, PX_PER_S * step_s / max(px, 1e-9), LIGHT_PER_S * step_s / max(light, 1e-9))
+        if self._jumped or px > JUMP_PX:
+            share, self._jumped = 1.0, False
+        self._applied = self._applied + share * change
+
+    def _moved(self, theta: FloatArray, number: int) -> Moved:
+        device, layout = self._view.room.projectors[number], self._comparison.layout
+        shape: Shape = device.shape
+        M = homography(theta[layout.geometry(number)] / (max(shape) / 2), shape)
+        N = np.linalg.inv(M)
+        return Moved(np.asarray(N / N[2, 2]), 1 + theta[layout.gain(number)])
+
+    def _projected(self, theta: FloatArray) -> tuple[Projected, ...]:
+        found = []
+        for number in range(len(self._view.boxes)):
+            moved = self._moved(theta, number)
+            rows = tuple(tuple(float(v) for v in row) for row in moved.to_raster)
+            unsure = (
+                float(self._found.unsure[self._comparison.layout.geometry(number)].max()) if self._found else np.inf
+            )
+            found.append(Projected(rows, tuple(float(v) for v in moved.gain), unsure))
+        return tuple(found)
+
+    def _field(self, theta: FloatArray) -> tuple[tuple[tuple[float, ...], ...], ...]:
+        field = theta[self._comparison.layout.ambient]
+        if not field.any():
+            return ()
+        rows = (self._view.white * field).reshape(CHANNELS, *FIELD).transpose(1, 2, 0)
+        return tuple(tuple(tuple(float(v) for v in cell) for cell in row) for row in rows)
+
+    def _confidence(self) -> float:
+        if self._found is None:
+            return 0.0
+        outliers = np.mean([each.compared.outliers for each in self._taken]) if self._taken else 1.0
+        return float(np.mean(self._found.known) * (1 - outliers))
+
+
+def _rounding(exposures: Exposures, shot: Shot, measured: FloatArray) -> FloatArray:
+    """Return the error of radiance (blocks, 3) by rounded code values, which noise may be too weak to blur."""
+    codes = np.arange(int(np.iinfo(shot.dtype).max) + 1, dtype=shot.dtype)
+    light = exposures.radiance([codes[None]])[0, :, 0].astype(np.float64)
+    return np.asarray(ROUNDED * np.interp(measured, light, np.gradient(light)))
+
+
+def _rms(values: NDArray[np.floating]) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
