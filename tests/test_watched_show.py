@@ -1,6 +1,7 @@
 """The player's side of the watching: what the watcher gets, how its answers are used, and what its faults cost."""
 
 import json
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
 from counterlight.show.watching import BURST, BURST_EVERY_S, Watching
 from counterlight.unattended import watcher
-from counterlight.unattended.watch_link import GRID, PAINT, Answer, Projected, Start, factor_of
+from counterlight.unattended.watch_link import GRID, PAINT, Answer, Projected, Start, factor_of, packed
 from counterlight.unattended.watcher import LONGEST_REST_S, REST_S, SILENT_S, Watcher
 from tests.programs import PATIENCE_S, ROOT
 from tests.stage import Reader, Stage
@@ -243,3 +244,16 @@ def test_a_show_without_a_watcher_says_so(tmp_path: Path) -> None:
     with pytest.raises(CommandError, match="no camera watches the room; start with --watch CAMERA"):
         stage.commands.set("watch-freeze", True)
     assert isinstance(stage.session, Session)
+
+
+def test_a_watcher_without_a_room_ends_and_says_why(tmp_path: Path) -> None:
+    start = Start(str(tmp_path / "gone"), ("v4l2:0",), (0.03,), 2, 0.04, str(tmp_path))
+    words = sys.executable, "-m", "counterlight.tools.watching"
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdin.write(packed(start))
+        process.stdin.flush()  # stays open: the end of the input would end the watcher, too
+        said = process.stderr.read().decode()
+        assert process.wait(PATIENCE_S) == 1
+    assert str(tmp_path / "gone") in said.splitlines()[-1]

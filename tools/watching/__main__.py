@@ -24,7 +24,7 @@ from counterlight.tools.watching.view import RoomView
 from counterlight.tools.watching.watcher import Watcher
 from counterlight.unattended.watch_link import PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
 
-ANSWER_S, STARTING_S, RETRY_S = 0.5, 5.0, 5.0
+ANSWER_S, STARTING_S, RETRY_S, GONE_S = 0.5, 5.0, 5.0, 0.1
 READ_BYTES = 1 << 20
 
 
@@ -35,6 +35,7 @@ def main() -> int:
         return 0
     if not isinstance(start, Start):
         raise InputError(f"the first message is {type(start).__name__}, expected Start")
+    threading.excepthook = _end
     with threadpool_limits(limits=1):
         process = _Process(start)
         for target in (process.answer, process.look):
@@ -42,6 +43,12 @@ def main() -> int:
         for message in messages:
             process.take(message)
     return 0
+
+
+def _end(failed: threading.ExceptHookArgs) -> None:
+    """End the process with any thread. The player reports the last line, and starts another watcher."""
+    sys.excepthook(failed.exc_type, failed.exc_value or failed.exc_type(), failed.exc_traceback)
+    os._exit(1)
 
 
 class _Process:
@@ -79,7 +86,10 @@ class _Process:
                     self._see(view, camera)
             except InputError as error:
                 self._trouble, self._camera = one_line(error), None
-            time.sleep(RETRY_S)
+                time.sleep(RETRY_S)
+            except FileNotFoundError:  # another program has removed a photograph before it was read
+                self._camera = None
+                time.sleep(GONE_S)
 
     def answer(self) -> None:
         """Write an answer every ANSWER_S, while the room is read less often."""

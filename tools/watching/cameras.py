@@ -96,6 +96,7 @@ class NewestFile:
         """Does nothing: another program photographs."""
 
     def _next(self) -> tuple[float, Path]:
+        """Wait for a new file. Raises InputError or OSError; files may vanish at any time."""
         deadline = time.monotonic() + SILENT_S
         while time.monotonic() < deadline:
             with os.scandir(self._folder) as entries:
