@@ -22,6 +22,12 @@ class Outcome(NamedTuple):
     said: str
 
 
+def last_line(output: bytes) -> str:
+    """Return the last line of a process's output that is not blank."""
+    lines = output.decode(errors="replace").split("\n")
+    return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+
+
 class RoomChecks:
     """Runs checks of the room, one at a time.
 
@@ -63,8 +69,7 @@ class RoomChecks:
         if process.poll() is None and not overdue:
             return None
         said.seek(0)
-        lines = said.read().decode(errors="replace").split("\n")
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+        last = last_line(said.read())
         self.close()
         self._since = self._clock()
         return Outcome(process.returncode, f"it did not end in {LONGEST_S:.0f} s" if overdue else last)

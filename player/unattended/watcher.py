@@ -15,6 +15,7 @@ from contextlib import suppress
 from typing import IO
 
 from counterlight.command import tell
+from counterlight.unattended.room_checks import last_line
 from counterlight.unattended.watch_link import Answer, Message, packed
 
 REST_S, LONGEST_REST_S = 5.0, 60.0
@@ -177,8 +178,7 @@ class _Child:
     def said(self) -> str:
         """Return the last line of stderr."""
         self._errors.seek(max(self._errors.seek(0, os.SEEK_END) - LONGEST_LINE, 0))
-        lines = self._errors.read().decode(errors="replace").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+        return last_line(self._errors.read())
 
     @property
     def code(self) -> int | None:

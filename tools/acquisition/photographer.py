@@ -7,7 +7,8 @@ import numpy as np
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
-from counterlight.tools.acquisition.cameras.camera import Camera, Shot
+from counterlight.raster import Shapes
+from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.plan import Picture
 
@@ -40,23 +41,24 @@ class Photographer:
 
     def _radiance(self, number: int, picture: Picture) -> FloatArray:
         shots = self._camera.capture(number, picture)
-        self._check_sizes(shots[0])
+        check_sizes(views_of(self._camera) or (shots[0].shape[:2],), self._room)
         seen = self._camera.exposures.radiance(shots).astype(np.float64)
         self.saturated |= self._camera.exposures.saturated(shots)
         for view, gain in zip(self._room.views, self._gains, strict=True):
             seen[view] *= gain
         return seen
 
-    def _check_sizes(self, shot: Shot) -> None:
-        found, wanted = views_of(self._camera) or ((shot.shape[0], shot.shape[1]),), self._room.cameras
-        if found == wanted:
-            return
-        sizes, expected = (" and ".join(f"{width}x{height}" for height, width in each) for each in (found, wanted))
-        if len(wanted) == 1:
-            raise InputError(
-                f"the camera gives {sizes}, the calibration was made with {expected}; set the camera to that size"
-            )
+
+def check_sizes(found: Shapes, room: Calibration, option: str = "--camera") -> None:
+    """Raise InputError unless the cameras have the sizes of the calibration. `option` names cameras."""
+    if found == room.cameras:
+        return
+    sizes, expected = (" and ".join(f"{width}x{height}" for height, width in each) for each in (found, room.cameras))
+    if len(room.cameras) == 1:
         raise InputError(
-            f"the cameras give {sizes}, the calibration was made with {expected}: name each of them with --camera, in "
-            "that order, set to that size"
+            f"the camera gives {sizes}, the calibration was made with {expected}; set the camera to that size"
         )
+    raise InputError(
+        f"the cameras give {sizes}, the calibration was made with {expected}: name each of them with {option}, in "
+        "that order, set to that size"
+    )

@@ -18,6 +18,7 @@ from counterlight.tools.acquisition.cameras.folder import ANY_CASE
 from counterlight.tools.acquisition.cameras.live import Eye
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.acquisition.cameras.together import TogetherEye, together
+from counterlight.tools.acquisition.photographer import check_sizes
 from counterlight.tools.acquisition.rig import open_eye, parted
 from counterlight.tools.hdr.photographs import read_photograph
 from counterlight.unattended.watch_link import Picture, Start, reduced_boxes
@@ -170,13 +171,6 @@ def open_cameras(start: Start, room: Calibration) -> Iterator[WatchCamera]:
             if not start.exposures:
                 raise InputError(f"--watch {start.cameras[0]}: needs the exposure of the calibration; add --exposures")
             eye = together([open_eye(*each, exposures.response, opened) for each in words])
-            _check_sizes(eye, room)
+            views = eye.views if isinstance(eye, TogetherEye) else (eye.frame().shape[:2],)
+            check_sizes(views, room, "--watch")
             yield LiveFrames(eye, exposures)
-
-
-def _check_sizes(eye: Eye, room: Calibration) -> None:
-    first = eye.frame()
-    found = eye.views if isinstance(eye, TogetherEye) else ((first.shape[0], first.shape[1]),)
-    if found != room.cameras:
-        names = [" and ".join(f"{width}x{height}" for height, width in each) for each in (found, room.cameras)]
-        raise InputError(f"the camera gives {names[0]}, the calibration was made with {names[1]}; set it to that size")
