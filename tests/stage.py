@@ -144,9 +144,9 @@ class Screen:
     def correct(self, correction: Correction) -> None:
         self.corrections.append(correction)
 
-    def copy_shown(self, boxes: Any, factor: int, grid: tuple[int, int]) -> Any:
-        """Return copies whose values are the number of the frame."""
-        shape, number = (boxes[0][3], boxes[0][2], 3), self.uploaded[-1]
+    def copy_shown(self, factor: int, grid: tuple[int, int]) -> Any:
+        """Return copies of a raster of 200x150, whose values are the number of the frame."""
+        shape, number = (150 // factor, 200 // factor, 3), self.uploaded[-1]
         return SimpleNamespace(
             grid=lambda: np.full((*grid, 3), number, np.float32), picture=lambda: np.full(shape, number, np.float16)
         )

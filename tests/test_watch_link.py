@@ -5,10 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from counterlight.pipeline.shown_copies import factor_of, reduced_boxes
+from counterlight.raster import Region
 from counterlight.unattended import watch_link
 from counterlight.unattended.watch_link import Answer, Light, Message, Picture, Projected, Situation, Start, Unpacker
+from tests.oracles.formulas import grid_means, reduced
 
-BOXES = (0, 0, 11, 6), (11, 0, 7, 9)
+BOXES = Region(0, 0, 11, 6), Region(11, 0, 7, 9)
 
 
 def test_messages_survive_any_cut_of_the_stream(rng: np.random.Generator) -> None:
@@ -44,14 +47,14 @@ def test_an_answer_survives_its_line() -> None:
 
 def test_pictures_are_reduced_projector_by_projector(rng: np.random.Generator) -> None:
     drive = rng.random((9, 18, 3))
-    found = watch_link.reduced(drive, BOXES, 4)
-    assert watch_link.reduced_boxes(BOXES, 4) == [(0, 0, 3, 2), (3, 0, 2, 3)]
+    found = reduced(drive, BOXES, 4)
+    assert reduced_boxes(BOXES, 4) == [(0, 0, 3, 2), (3, 0, 2, 3)]
     assert found.shape == (3, 5, 3)
     for (left, top, columns, rows), cell in (((8, 4, 3, 2), (1, 2)), ((15, 8, 3, 1), (2, 4)), ((11, 0, 4, 4), (0, 3))):
         mean = drive[top : top + rows, left : left + columns].mean(axis=(0, 1))
         np.testing.assert_allclose(found[cell], mean, rtol=1e-3)  # half floats have 11 bits
     assert not found[2, :3].any()
-    grid = watch_link.grid_means(drive)
+    grid = grid_means(drive)
     np.testing.assert_allclose(grid[2, 3], drive[3:4, 6:9].mean(axis=(0, 1)), rtol=1e-6)
-    assert watch_link.factor_of(1920) == 4
-    assert watch_link.factor_of(100) == 1
+    assert factor_of(1920) == 4
+    assert factor_of(100) == 1

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 from counterlight.calibration import Device
+from counterlight.pipeline.shown_copies import factor_of
 from counterlight.raster import Region
 from counterlight.response import Response
 from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
 from counterlight.show.watching import BURST, BURST_EVERY_S, Watching
 from counterlight.unattended import watcher
-from counterlight.unattended.watch_link import GRID, PAINT, Answer, Projected, Start, factor_of, packed
+from counterlight.unattended.watch_link import GRID, PAINT, Answer, Projected, Start, packed
 from counterlight.unattended.watcher import LONGEST_REST_S, REST_S, SILENT_S, Watcher
 from tests.programs import PATIENCE_S, ROOT
 from tests.stage import Reader, Stage

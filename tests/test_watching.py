@@ -1,6 +1,7 @@
 """Changes of a rig's room during a film are found; what is no change of room or lamp is not corrected but reported."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from tests.rig.projector import Projector
 from tests.rig.rays import FloatArray
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS
-from tests.rig.watching import WatchCamera
+from tests.rig.watching import WatchCamera, since
 from tests.watched_films import Film, Scene, watched
 
 SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
@@ -73,7 +74,7 @@ def seen(view: RoomView, rig: Rig, scene: Scene, end_s: float = END_S) -> list[A
 
 def later(**changes: object) -> Scene:
     """Returns a scene whose devices change at CHANGE_S."""
-    return Scene(lambda time_s: replace(CALM, **changes) if time_s > CHANGE_S else CALM)  # type: ignore[arg-type]
+    return Scene(partial(since(CHANGE_S, **changes), CALM))
 
 
 def middle(view: RoomView, answer: Answer) -> FloatArray:

@@ -18,6 +18,7 @@ from counterlight.pipeline.drift import Moved
 from counterlight.unattended import watch_link
 from counterlight.unattended.watch_link import Answer, Light, Picture, Start
 from tests.drifted_rooms import write_changed
+from tests.oracles.formulas import grid_means
 from tests.programs import PATIENCE_S, ROOT, succeed
 
 SHIFT = 0.5, -0.25
@@ -46,7 +47,7 @@ class _Watched:
     def show(self, drive: np.ndarray) -> None:
         """Show a picture at this moment."""
         now_s = time.monotonic()
-        self.send(Light(now_s, watch_link.grid_means(drive)))
+        self.send(Light(now_s, grid_means(drive)))
         self.send(Picture(now_s, drive.astype(np.float16)))
 
     def until(self, state: str) -> Answer:

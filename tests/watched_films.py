@@ -14,8 +14,8 @@ from counterlight.pipeline.drift import Drift, Moved
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.watching.view import RoomView
 from counterlight.tools.watching.watcher import Watcher
-from counterlight.unattended import watch_link
 from counterlight.unattended.watch_link import Answer, Light, Picture
+from tests.oracles.formulas import grid_means, reduced
 from tests.rig.rays import FloatArray
 from tests.rig.rig import Devices, Rig
 from tests.rig.watching import Frame, WatchCamera, WatchedRoom
@@ -28,7 +28,7 @@ Film = Callable[[float], FloatArray]
 
 @dataclass(frozen=True)
 class Scene:
-    """What happens during a film.
+    """Events during a film.
 
     devices : the devices at a time.
     person : share of the light that reaches the camera at a time, (camera height, camera width), if not all.
@@ -66,19 +66,18 @@ def watched(view: RoomView, rig: Rig, film: Film, scene: Scene, seconds: float) 
     watcher = Watcher(view, camera.exposure_s, 1 / FRAMES_PER_S)
     seen = WatchedRoom(rig, camera, scene.devices, scene.person)
     exposures = Exposures((1.0,), room.camera.response)
-    boxes = [(r.left, r.top, r.width, r.height) for r in room.regions]
     frames, drift = list[Frame](), Drift(tuple(Moved.nothing() for _ in room.regions))
     exposed_s, answered_s, shot = 0.2, 0.0, None
     for number in range(round(seconds * FRAMES_PER_S)):
         time_s = number / FRAMES_PER_S
         drive = film(time_s)
         codes = encoded(drift.shown(drive, room.regions), room.response)
-        reduced = watch_link.reduced(room.response.to_linear(codes), boxes, view.factor)
+        copy = reduced(room.response.to_linear(codes), room.regions, view.factor)
         if not frames or not np.array_equal(codes, frames[-1].codes):
             frames = [*frames[-KEPT:], Frame(time_s, codes)]
-            watcher.light(Light(time_s, watch_link.grid_means(reduced)))
+            watcher.light(Light(time_s, grid_means(copy)))
         if number % round(BURST_EVERY_S * FRAMES_PER_S) < BURST:
-            watcher.picture(Picture(time_s, reduced))
+            watcher.picture(Picture(time_s, copy))
         while exposed_s < time_s + 1 / FRAMES_PER_S:
             if watcher.wants(exposed_s + camera.latency_s):
                 arrived_s, new = seen.capture(exposed_s, frames)

@@ -22,14 +22,14 @@ def main(folder: Path, manner: str) -> int:
         time.sleep(0.01)
     while content := os.read(0, 1 << 16):
         for message in unpacker.feed(content):
-            told = {"kind": type(message).__name__}
+            entry = {"kind": type(message).__name__}
             if isinstance(message, Light | Picture):
                 array = message.grid if isinstance(message, Light) else message.drive
-                told |= {"time_s": message.time_s, "shape": array.shape, "number": float(array.mean())}
+                entry |= {"time_s": message.time_s, "shape": array.shape, "number": float(array.mean())}
             else:
-                told |= vars(message)
+                entry |= vars(message)
             with (folder / "messages").open("a") as log:
-                log.write(json.dumps(told) + "\n")
+                log.write(json.dumps(entry) + "\n")
             if manner == "dies":
                 print("the camera is on fire", file=sys.stderr)
                 return 3

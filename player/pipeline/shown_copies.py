@@ -1,4 +1,7 @@
-"""Small copies of each shown drive, for a process that watches the room (show/watching.py)."""
+"""Small copies of each shown drive, for a process that watches the room (show/watching.py).
+
+A copy holds the pictures of all projectors, reduced by an integer factor, next to each other from the left.
+"""
 
 from collections.abc import Sequence
 from typing import Generic
@@ -9,7 +12,9 @@ from numpy.typing import NDArray
 from counterlight.passes.drawing import Picture
 from counterlight.passes.means import Means, part
 from counterlight.pipeline.device import Device, Owner
-from counterlight.raster import Region
+from counterlight.raster import Region, Shape
+
+FACTOR, NARROWEST = 4, 96  # reduction of pictures, and the least width that remains
 
 
 class ShownCopies(Generic[Picture]):
@@ -18,7 +23,6 @@ class ShownCopies(Generic[Picture]):
     `take` only queues the draws. `grid` and `picture` read the results, and wait for them.
 
     regions : of the projectors in the raster.
-    boxes : of the projectors in the copy; left, top, width, height, next to each other from the left.
     factor : pixels of the raster per pixel of the copy.
     grid : (rows, columns).
     """
@@ -27,15 +31,15 @@ class ShownCopies(Generic[Picture]):
         self,
         device: Device[Picture],
         regions: Sequence[Region],
-        boxes: Sequence[tuple[int, int, int, int]],
         factor: int,
         grid: tuple[int, int],
     ) -> None:
         self._owner, self._device = Owner(), device
-        shape = max(height for *_, height in boxes), sum(width for _, _, width, _ in boxes)
+        boxes = reduced_boxes(regions, factor)
+        shape = reduced_shape(boxes)
         rows = [
-            part(region, (height, width), (factor * height, factor * width))
-            for region, (_, _, width, height) in zip(regions, boxes, strict=True)
+            part(region, (box.height, box.width), (factor * box.height, factor * box.width))
+            for region, box in zip(regions, boxes, strict=True)
         ]
         own = self._owner.own
         try:
@@ -57,3 +61,22 @@ class ShownCopies(Generic[Picture]):
 
     def release(self) -> None:
         self._owner.release()
+
+
+def factor_of(width: int) -> int:
+    """Return the factor by which pictures of a projector `width` pixels wide are reduced."""
+    return max(1, min(FACTOR, width // NARROWEST))
+
+
+def reduced_boxes(regions: Sequence[Region], factor: int) -> list[Region]:
+    """Return the projectors' regions in a reduced picture, next to each other from the left."""
+    found, left = list[Region](), 0
+    for region in regions:
+        found.append(Region(left, 0, -(-region.width // factor), -(-region.height // factor)))
+        left += found[-1].width
+    return found
+
+
+def reduced_shape(boxes: Sequence[Region]) -> Shape:
+    """Return the (height, width) of a copy."""
+    return max(box.height for box in boxes), sum(box.width for box in boxes)

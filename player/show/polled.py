@@ -1,12 +1,15 @@
 """Starts what the options ask to run next to a show: checks of the room, the watcher, projectors, other machines."""
 
 import argparse
+import os
 import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 
 from counterlight.errors import InputError
+from counterlight.jobs.workers import THREADS
+from counterlight.pipeline.shown_copies import factor_of
 from counterlight.show.from_options import cameras_of, check_of
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.schedule_file import read_schedule
@@ -15,7 +18,7 @@ from counterlight.show.watching import Watching
 from counterlight.unattended.cues import Beacon, Listener
 from counterlight.unattended.pjlink import Lamps
 from counterlight.unattended.room_checks import RoomChecks
-from counterlight.unattended.watch_link import Start, factor_of
+from counterlight.unattended.watch_link import Start
 from counterlight.unattended.watcher import Watcher
 
 
@@ -54,7 +57,10 @@ def watching_of(
         room.maps.mixing.tier,
     )
     command = sys.executable, "-P", "-m", "counterlight.tools.watching"
-    watching = Watching(session, Watcher(command, session.notice), start, dims=options.white == "auto")
+    one_thread = os.environ | dict.fromkeys(THREADS, "1")  # the cores belong to the show
+    watching = Watching(
+        session, Watcher(command, session.notice, environment=one_thread), start, dims=options.white == "auto"
+    )
     watching.freeze(options.watch_freeze)
     return watching
 

@@ -31,7 +31,6 @@ from counterlight.unattended.watch_link import (
     Situation,
     Start,
     farthest_px,
-    reduced_boxes,
 )
 from counterlight.unattended.watcher import Watcher
 
@@ -55,7 +54,6 @@ class Watching:
 
     def __init__(self, session: Session, watcher: Watcher, start: Start, *, dims: bool) -> None:
         self._session, self._watcher, self._start, self._dims = session, watcher, start, dims
-        self._boxes = reduced_boxes(session.room.read_last.calibration.regions, start.factor)
         self._renderer = session.renderer
         self._paint: NDArray[np.floating] | None = None
         self._applied: tuple[object, object] = (), ()
@@ -100,7 +98,7 @@ class Watching:
         elif not self._covered:
             if now_s - self._burst_s >= BURST_EVERY_S:
                 self._burst, self._burst_s = BURST, now_s
-            copies = session.renderer.copy_shown(self._boxes, self._start.factor, GRID)
+            copies = session.renderer.copy_shown(self._start.factor, GRID)
             self._shown = _Shown(now_s, copies, self._burst > 0)
             self._burst = max(self._burst - 1, 0)
 

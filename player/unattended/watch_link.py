@@ -7,7 +7,7 @@ seconds of CLOCK_MONOTONIC, which both processes share. Both sides import this m
 
 import json
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
@@ -19,7 +19,6 @@ from counterlight.unattended.json_lines import encode
 HEADER = struct.Struct("<4sII")
 GRID = 6, 8  # rows and columns of `Light.grid`
 MOST_BYTES = 1 << 26  # limit of a message; a larger one is damage
-FACTOR, NARROWEST = 4, 96  # reduction of pictures, and the least width that remains
 PAINT = "paint.npy"
 FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share of the longer side, at least these pixels
 STATES = (
@@ -34,7 +33,6 @@ STATES = (
     "camera changed",  # its exposure, gain or white balance is automatic
     "acquire again",  # the room has changed beyond the limits of a correction
 )
-Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height in the raster
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Start:
     calibration : folder of the room.
     cameras : words of --watch.
     exposures : words of --exposures, in seconds; empty if not given.
-    factor : pixels of the raster per pixel of a reduced picture, from `factor_of`.
+    factor : pixels of the raster per pixel of a reduced picture (pipeline/shown_copies.py).
     refresh_s : period of the display.
     folder : folder for files of the watcher, which the player removes.
     colour : colour tier of the maps, one of choices.COLOURS.
@@ -65,7 +63,7 @@ class Light:
     """The light of a displayed frame. A frame stands until the time of the next one.
 
     time_s : when the frame was shown.
-    grid : (*GRID, 3) float32. Linear drive, from `grid_means`.
+    grid : (*GRID, 3) float32. Linear drive, mean over the cells of a grid.
     """
 
     kind: ClassVar[bytes] = b"LGHT"
@@ -77,8 +75,8 @@ class Light:
 class Picture:
     """A displayed frame, with the time of its `Light`.
 
-    drive : (height, width, 3) float16. Linear drive as shown, after refinement, overlay and the moved pass, from
-        `reduced`.
+    drive : (height, width, 3) float16. Linear drive as shown, after refinement, overlay and the moved pass; means over
+        factor × factor pixels of each projector's picture (pipeline/shown_copies.py).
     """
 
     kind: ClassVar[bytes] = b"PICT"
@@ -118,7 +116,7 @@ class Projected:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the watcher knows.
+    """State and findings of the watcher.
 
     state : one of STATES.
     reason : why, in words.
@@ -194,48 +192,6 @@ class Unpacker:
 def farthest_px(shape: tuple[int, int]) -> float:
     """Return how far the corners of a projector's picture may be corrected."""
     return max(FARTHEST * max(shape), FARTHEST_PX)
-
-
-def factor_of(width: int) -> int:
-    """Return the factor by which pictures of a projector `width` pixels wide are reduced."""
-    return max(1, min(FACTOR, width // NARROWEST))
-
-
-def reduced_boxes(boxes: Sequence[Box], factor: int) -> list[Box]:
-    """Return the projectors' regions in a reduced picture, next to each other from the left."""
-    found, left = list[Box](), 0
-    for _, _, width, height in boxes:
-        found.append((left, 0, -(-width // factor), -(-height // factor)))
-        left += found[-1][2]
-    return found
-
-
-def reduced(drive: NDArray[np.floating], boxes: Sequence[Box], factor: int) -> NDArray[np.float16]:
-    """Return means over factor × factor pixels of each projector's picture, next to each other.
-
-    drive : (height, width, 3). Linear drive of the raster.
-    """
-    parts = [_means(drive[top : top + height, left : left + width], factor) for left, top, width, height in boxes]
-    whole = np.zeros((max(map(len, parts)), sum(part.shape[1] for part in parts), 3), np.float16)
-    for part, (left, _, width, height) in zip(parts, reduced_boxes(boxes, factor), strict=True):
-        whole[:height, left : left + width] = part
-    return whole
-
-
-def grid_means(picture: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return means over a grid of GRID cells: (height, width, 3) -> (*GRID, 3)."""
-    edges = [np.arange(cells + 1) * size // cells for size, cells in zip(picture.shape, GRID, strict=False)]
-    return np.asarray(_over(picture.astype(np.float32), *edges), np.float32)
-
-
-def _means(picture: NDArray[np.floating], factor: int) -> NDArray[np.float32]:
-    edges = [np.append(np.arange(0, size, factor), size) for size in picture.shape[:2]]
-    return _over(picture.astype(np.float32), *edges)
-
-
-def _over(picture: NDArray[np.float32], rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
-    sums = np.add.reduceat(np.add.reduceat(picture, rows[:-1], axis=0), columns[:-1], axis=1)
-    return np.asarray(sums / (np.diff(rows)[:, None, None] * np.diff(columns)[:, None]), np.float32)
 
 
 def _start(values: dict[str, Any], _: bytes) -> Start:

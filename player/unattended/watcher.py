@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import IO
 
@@ -34,6 +34,7 @@ class Watcher:
     command : command line of the process.
     notice : takes a line about a fault; further faults are silent until a watcher has run for STEADY_S.
     clock : seconds, monotonic.
+    environment : of the process; None for the player's own.
     """
 
     def __init__(
@@ -41,7 +42,9 @@ class Watcher:
         command: Sequence[str],
         notice: Callable[[str], None] = tell,
         clock: Callable[[], float] = time.monotonic,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
+        self._environment = environment
         self._command, self._notice, self._clock = list(command), notice, clock
         self._child: _Child | None = None
         self._ended: list[_Child] = []  # killed, not yet gone
@@ -59,7 +62,7 @@ class Watcher:
     def begin(self, *messages: Message) -> None:
         """Start the process and send it the first messages. A failure is reported as a fault."""
         try:
-            self._child = _Child(self._command, self._clock())
+            self._child = _Child(self._command, self._environment, self._clock())
         except OSError as error:
             self._failed(f"it cannot be started ({error})")
             return
@@ -129,12 +132,14 @@ class Watcher:
 class _Child:
     """One process with its pipes, neither of which waits. Its stderr is an anonymous file, which cannot fill a pipe."""
 
-    def __init__(self, command: Sequence[str], now_s: float) -> None:
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str] | None, now_s: float) -> None:
         self.began_s = self.heard_s = now_s
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - held until the child is gone
         try:
             pipe = subprocess.PIPE
-            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors, bufsize=0)
+            self._process = subprocess.Popen(
+                command, stdin=pipe, stdout=pipe, stderr=self._errors, bufsize=0, env=environment
+            )
         except BaseException:
             self._errors.close()
             raise

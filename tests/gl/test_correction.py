@@ -13,8 +13,9 @@ from counterlight.pipeline.cpu_renderer import CpuCanvas, CpuRenderer
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.raster import Region
-from counterlight.unattended.watch_link import GRID, grid_means, reduced
+from counterlight.unattended.watch_link import GRID
 from tests.drifted_rooms import moved_by
+from tests.oracles.formulas import grid_means, reduced
 from tests.renderers import both, on_gpu
 from tests.rooms import random_room, yuv_frame
 
@@ -23,12 +24,11 @@ ATOL = 2e-5  # float32 roundings of light up to 2, in sums of at most 100 terms
 HALF_ATOL = 1e-3  # float16 below 1
 
 
-def test_means_equal_their_twin_and_those_of_the_link(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_means_of_each_backend_equal_the_formula(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     drive = rng.uniform(0, 1, (13, 24, 3)).astype(np.float32)
-    boxes = [tuple(region) for region in REGIONS]
-    expected = reduced(drive, boxes, 3)
+    expected = reduced(drive, REGIONS, 3)
     cells = [(3, 5), (2, 4), (2, 2)]
-    rows = [part(box, size, (3 * size[0], 3 * size[1])) for box, size in zip(boxes, cells, strict=True)]
+    rows = [part(box, size, (3 * size[0], 3 * size[1])) for box, size in zip(REGIONS, cells, strict=True)]
     for made, wanted in (
         (Means(drive, np.stack(rows)), expected),
         (Means(drive, part((0, 0, 24, 13), GRID)[None]), grid_means(drive)),
@@ -82,14 +82,14 @@ def pictures(renderer: AnyRenderer) -> np.ndarray:
 def test_copies_are_of_the_shown_drive(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     room, frame = random_room(rng, far=True), yuv_frame(rng, (9, 15))
     room = replace(room, drift=Drift((moved_by(0.8, -0.6, 0.9),)))
-    boxes = [tuple(region) for region in room.calibration.regions]
+    regions = room.calibration.regions
     with both(gl_context, room, frame) as renderers:
         for renderer in (*renderers, CpuRenderer(room)):
             if isinstance(renderer, CpuRenderer):
                 renderer.open(frame.format)
                 renderer.upload(frame)
             renderer.render("projector", compensate=True)
-            copies = renderer.copy_shown(boxes, 1, GRID)
-            expected = reduced(renderer.linear(), boxes, 1)
+            copies = renderer.copy_shown(1, GRID)
+            expected = reduced(renderer.linear(), regions, 1)
             np.testing.assert_allclose(copies.picture(), expected, atol=HALF_ATOL)
             np.testing.assert_allclose(copies.grid(), grid_means(expected), atol=HALF_ATOL)

@@ -18,7 +18,9 @@ from counterlight.passes.moved import FADE, WHOLE
 from counterlight.passes.pinned import MOST_TAPS, TINY
 from counterlight.passes.planes_to_linear import LEAST, Rendition, Signal
 from counterlight.pipeline.drift import positions, sampled
+from counterlight.pipeline.shown_copies import reduced_boxes
 from counterlight.raster import Region
+from counterlight.unattended.watch_link import GRID
 
 FloatArray = NDArray[np.floating]
 
@@ -278,3 +280,31 @@ def moved(drive: FloatArray, projectors: FloatArray) -> FloatArray:
         landed = lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape)
         shown[part] = np.clip(landed / rows[5], 0, 1)
     return shown
+
+
+def reduced(drive: NDArray[np.floating], regions: Sequence[Region], factor: int) -> NDArray[np.float16]:
+    """Return means over factor × factor pixels of each projector's picture, next to each other.
+
+    drive : (height, width, 3). Linear drive of the raster.
+    """
+    parts = [_means(drive[region.part], factor) for region in regions]
+    whole = np.zeros((max(map(len, parts)), sum(part.shape[1] for part in parts), 3), np.float16)
+    for part, box in zip(parts, reduced_boxes(regions, factor), strict=True):
+        whole[box.part] = part
+    return whole
+
+
+def grid_means(picture: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return means over a grid of GRID cells: (height, width, 3) -> (*GRID, 3)."""
+    edges = [np.arange(cells + 1) * size // cells for size, cells in zip(picture.shape, GRID, strict=False)]
+    return np.asarray(_over(picture.astype(np.float32), *edges), np.float32)
+
+
+def _means(picture: NDArray[np.floating], factor: int) -> NDArray[np.float32]:
+    edges = [np.append(np.arange(0, size, factor), size) for size in picture.shape[:2]]
+    return _over(picture.astype(np.float32), *edges)
+
+
+def _over(picture: NDArray[np.float32], rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
+    sums = np.add.reduceat(np.add.reduceat(picture, rows[:-1], axis=0), columns[:-1], axis=1)
+    return np.asarray(sums / (np.diff(rows)[:, None, None] * np.diff(columns)[:, None]), np.float32)

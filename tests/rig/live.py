@@ -5,13 +5,13 @@ captures are files that the watcher reads as soon as they appear. The judge look
 would reach is found after the show, in the state that the room had at each judged moment.
 """
 
-import json
 import threading
 import time
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,11 @@ from tests.rig.faults import FAULTS
 from tests.rig.films import FILMS, RATE, Film
 from tests.rig.judge import Judge
 from tests.rig.pictures import Picture
+from tests.rig.projector import Projector
 from tests.rig.rays import FloatArray
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS
-from tests.rig.watching import Codes, Frame, WatchCamera, WatchedRoom
+from tests.rig.watching import Codes, Frame, WatchCamera, WatchedRoom, crossing, door, since
 from tests.screens import one_screen
 
 LOOK_S = 0.008  # between two looks at the screen
@@ -58,10 +59,6 @@ class Event:
     automatic: bool = False
 
 
-def _since(change: dict[str, Any]) -> Callable[[Devices, float], Devices]:
-    return lambda devices, time_s: replace(devices, **change) if time_s >= 0 else devices
-
-
 def _drifting(px_per_s: float) -> Callable[[Devices, float], Devices]:
     def moved(devices: Devices, time_s: float) -> Devices:
         share = min(max(time_s, 0.0) * px_per_s, 1.0)
@@ -70,39 +67,20 @@ def _drifting(px_per_s: float) -> Callable[[Devices, float], Devices]:
     return moved
 
 
-def _door(devices: Devices, time_s: float) -> Devices:
-    share = min(max(time_s / 2, 0.0), 1.0)
-    return replace(devices, room_light=devices.room_light * (1 + 2 * share))
-
-
-def _person(time_s: float, view: tuple[int, int]) -> FloatArray | None:
-    """A figure a quarter of the view wide that crosses the view in a minute, and gives a tenth of the light."""
-    height, width = view
-    middle = (1.25 * time_s / 60 - 0.125) * width
-    share = np.ones(view)
-    left, right = (int(np.clip(middle + side * width / 8, 0, width)) for side in (-1, 1))
-    share[height // 5 :, left:right] = 0.1
-    return share
-
-
 EVENTS = {
     "nothing": Event("nothing changes"),
     "drift": Event("the picture drifts by one pixel in ten minutes", _drifting(1 / 600)),
     "fast-drift": Event("the same, eight times as fast", _drifting(8 / 600)),
-    "half": Event("the picture jumps by half a pixel", _since({"shift": (0.4, 0.3)})),
-    "jump": Event("the picture jumps by three pixels", _since({"shift": (2.4, 1.8)})),
-    "lamp": Event("the lamp falls to 90 %", lambda devices, time_s: _dimmed(devices, 0.9) if time_s >= 0 else devices),
-    "door": Event("the room's light triples within two seconds", _door),
-    "person": Event("a person crosses the view in a minute", person=_person),
+    "half": Event("the picture jumps by half a pixel", since(0, shift=(0.4, 0.3))),
+    "jump": Event("the picture jumps by three pixels", since(0, shift=(2.4, 1.8))),
+    "lamp": Event("the lamp falls to 90 %", since(0, projector=Projector(lamp=0.9))),
+    "door": Event("the room's light triples within two seconds", door),
+    "person": Event("a person crosses the view in a minute", person=partial(crossing, light=0.1, top=0.2)),
     "unplugged": Event("the camera gives no more captures", unplugged=True),
     "frozen": Event("the camera repeats one capture", frozen=True),
     "automatic": Event("the camera's exposure follows the film", automatic=True),
-    "camera": Event("the camera is pushed by a pixel", _since({"camera_moved": (4, 0)})),
+    "camera": Event("the camera is pushed by a pixel", since(0, camera_moved=(4, 0))),
 }
-
-
-def _dimmed(devices: Devices, lamp: float) -> Devices:
-    return replace(devices, projector=replace(devices.projector, lamp=lamp))
 
 
 @dataclass(frozen=True)
@@ -217,7 +195,6 @@ def live(
     warm_s: float,
     after_s: Sequence[float],
     camera: WatchCamera,
-    watch: bool = True,
 ) -> Iterator[Moment]:
     """Play a film in a room, let something happen after `warm_s`, and judge at times after that."""
     event, made = EVENTS[event_name], ROOMS[room](scale)
@@ -243,9 +220,7 @@ def live(
     captures = place / "captures"
     captures.mkdir(exist_ok=True)
     (place / "show.socket").unlink(missing_ok=True)  # of a player that was killed
-    seen = list(
-        _played(place, path, rig, watched, event, camera, began, white, warm_s, after_s, watch=watch, film=film)
-    )
+    seen = list(_played(place, path, rig, watched, event, camera, began, white, warm_s, after_s))
     yield from _judged(place, rig, watched, film, white, began[0], seen)
 
 
@@ -264,21 +239,17 @@ def _played(
     white: float,
     warm_s: float,
     after_s: Sequence[float],
-    *,
-    watch: bool,
-    film: Film,
 ) -> Iterator[_Seen]:
     """Play, and yield what the screen shows at each of the times."""
     height, width = rig.raster
     folder = place / "captures"
     words = "--loop", "--osd", "off", "--white", white, "--refine", STEPS, "--dither", "none", "--fullscreen"
-    words = *words, "--heartbeat", place / "heartbeat"
-    watching = ("--watch", f"folder:{folder}") if watch else ()
+    words = *words, "--heartbeat", place / "heartbeat", "--watch", f"folder:{folder}"
     with (
         one_screen(place, (width, height)) as display,
-        _closed(Screen(display, (width, height))) as screen,
-        _closed(LiveCamera(watched, camera, event, screen, folder)) as eye,
-        show(display, place, place / "room", path, *words, *watching, how=ON_THE_PROCESSOR) as (_, client),
+        closing(Screen(display, (width, height))) as screen,
+        closing(LiveCamera(watched, camera, event, screen, folder)) as eye,
+        show(display, place, place / "room", path, *words, how=ON_THE_PROCESSOR) as (_, client),
     ):
         time.sleep(warm_s)
         began[0] = eye.began_s = time.monotonic()
@@ -295,19 +266,11 @@ def _state(client: Client) -> dict[str, Any]:
     return dict(client.get("watch-state") or {})
 
 
-@contextmanager
-def _closed(thread: Any) -> Iterator[Any]:
-    try:
-        yield thread
-    finally:
-        thread.close()
-
-
 def _judged(
     place: Path, rig: Rig, watched: WatchedRoom, film: Film, white: float, began_s: float, seen: Sequence[_Seen]
 ) -> Iterator[Moment]:
     """Yield the figures of each seen picture, next to the same film frame without a watcher and after a check."""
-    told = "--white", str(white), "--refine", str(STEPS), "--dither", "none"
+    words = "--white", str(white), "--refine", str(STEPS), "--dither", "none"
     for number, each in enumerate(seen):
         now = watched.rig_at(began_s + each.time_s)
         judge = Judge(now)
@@ -315,9 +278,9 @@ def _judged(
         still = film.still(place / "judged.png", frame)
         picture = Picture(f"{film.name} {frame}", film.frames[frame])
         question = judge.asks(picture, white, product.show_plain(place, still).codes)
-        unwatched = product.show(place, still, *told).codes
+        unwatched = product.show(place, still, *words).codes
         product.check(now, place, seed=number + 1)
-        verified = product.show(place, still, *told).codes
+        verified = product.show(place, still, *words).codes
         product.forget(place)
         shown, without, after = (judge.figures(question, codes).psnr for codes in (each.codes, unwatched, verified))
         yield Moment(each.time_s, shown, without, after, each.state)
@@ -346,7 +309,3 @@ def table(moments: Sequence[Moment]) -> str:
     ]
     heads = "time", "without, dB", "after verify, dB", "watched, dB", "state", "reason", "moved px", "gain", "added"
     return "\n".join([f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *rows])
-
-
-def stored(moments: Sequence[Moment]) -> str:
-    return "\n".join(json.dumps(vars(each)) for each in moments) + "\n"

@@ -43,6 +43,29 @@ class Frame:
     codes: Codes
 
 
+def since(change_s: float, **changes: Any) -> Callable[[Devices, float], Devices]:
+    """Returns the devices at a time, from the devices before a change."""
+    return lambda before, time_s: replace(before, **changes) if time_s >= change_s else before
+
+
+def door(before: Devices, time_s: float) -> Devices:
+    """Triples the room's light within two seconds. Steps of the light are rounded, so that few rigs are made."""
+    opened = min(max(time_s / 2, 0.0), 1.0)
+    return replace(before, room_light=round(before.room_light * (1 + 2 * opened), 4))
+
+
+def crossing(time_s: float, view: tuple[int, int], *, light: float, top: float = 0.0) -> FloatArray:
+    """A figure a quarter of the view wide that crosses the view in a minute.
+
+    light : share of the light that reaches the camera through the figure.
+    top : share of the view above the figure.
+    """
+    height, width = view
+    left, share = int(1.25 * width * time_s / 60) - width // 4, np.ones(view)
+    share[round(top * height) :, max(left, 0) : max(left + width // 4, 0)] = light
+    return share
+
+
 class WatchedRoom:
     """A rig that changes during a film.
 

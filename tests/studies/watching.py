@@ -1,14 +1,14 @@
 """python -m tests.studies.watching: what the watcher finds during films in a rig's room, in compressed time.
 
 The room is acquired by the documented command. The films are compensated pictures: frames of the shipped clip and
-photographs. Quality is that of the last seconds, inside the border, against what the film asks for.
+photographs. The judge compares the last seconds, inside the border, with the light that the film asks for.
 """
 
 import argparse
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import av
@@ -22,22 +22,23 @@ from threadpoolctl import threadpool_limits
 from counterlight import calibration
 from counterlight.passes.encode import encoded
 from counterlight.pipeline.drift import Drift, Moved
+from counterlight.pipeline.shown_copies import factor_of
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.shipped import CLIP
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.watching.view import RoomView
-from counterlight.unattended.watch_link import factor_of
 from tests.rig import product
 from tests.rig.faults import FAULTS
 from tests.rig.judge import BORDER, decibels
+from tests.rig.pictures import Picture
 from tests.rig.projector import Projector
 from tests.rig.rays import FloatArray
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS
 from tests.rig.trial import given
-from tests.rig.watching import WatchCamera
+from tests.rig.watching import WatchCamera, crossing, door, since
 from tests.watched_films import Film, Moment, Scene, watched
 
 KNOWN = FAULTS["known"]
@@ -60,11 +61,8 @@ class Event:
 
 
 def later(**changes: object) -> Callable[[Devices], Scene]:
-    def scene(before: Devices) -> Scene:
-        after = replace(before, **changes)  # type: ignore[arg-type]
-        return Scene(lambda time_s: after if time_s > CHANGE_S else before)
-
-    return scene
+    changed = since(CHANGE_S, **changes)
+    return lambda before: Scene(partial(changed, before))
 
 
 def creeping(per_s: float) -> Callable[[Devices], Scene]:
@@ -76,11 +74,7 @@ def creeping(per_s: float) -> Callable[[Devices], Scene]:
 
 def opened(before: Devices) -> Scene:
     """A door triples the room's light within two seconds."""
-    return Scene(
-        lambda time_s: replace(
-            before, room_light=round(before.room_light * (1 + 2 * np.clip((time_s - CHANGE_S) / 2, 0, 1)), 4)
-        )
-    )
+    return Scene(lambda time_s: door(before, time_s - CHANGE_S))
 
 
 def automatic(before: Devices) -> Scene:
@@ -88,14 +82,7 @@ def automatic(before: Devices) -> Scene:
 
 
 def crossed(before: Devices) -> Scene:
-    """A person, a quarter of the view wide, crosses within a minute."""
-
-    def person(time_s: float) -> FloatArray:
-        share, left = np.ones((120, 160)), int(200 * (time_s - CHANGE_S) / 60) - 40
-        share[:, max(left, 0) : max(left + 40, 0)] = 0.3
-        return share
-
-    return Scene(lambda _: before, person)
+    return Scene(lambda _: before, lambda time_s: crossing(time_s - CHANGE_S, (120, 160), light=0.3))
 
 
 EVENTS = (
@@ -109,9 +96,7 @@ EVENTS = (
     Event("a person crosses", "fades", 75, crossed),
     Event("the camera moves by half a pixel", "fades", 30, later(camera_moved=(2, 0))),
     Event("the camera moves by two pixels", "fades", 30, later(camera_moved=(8, 4))),
-    Event(
-        "automatic exposure", "fades", 30, lambda before: Scene(lambda _: before, camera=WatchCamera(automatic=True))
-    ),
+    Event("automatic exposure", "fades", 30, automatic),
     Event("the camera stands still", "fades", 30, lambda before: Scene(lambda _: before, frozen_s=CHANGE_S)),
 )
 
@@ -203,9 +188,7 @@ def _compensated(tier: Tier) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     box = prepare("box", tier.transport, room.mask, objective)
     drives, asked = [], []
     for picture in _pictures(room.camera.shape):
-        codes = picture / 255.0
-        linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
-        light = objective.bounded(tier.asked(linear * tier.white).reshape(-1, 3))
+        light = objective.bounded(tier.asked(Picture("", picture).linear * tier.white).reshape(-1, 3))
         drives.append(np.clip(box.solve(light).drive, 0, 1).reshape(*room.projector.shape, 3))
         asked.append(light.reshape(*room.camera.shape, 3))
     return np.array(drives, np.float32), np.array(asked, np.float32)
@@ -240,7 +223,6 @@ def main() -> None:
             for event in EVENTS:
                 if not options.event or any(word in event.name for word in options.event):
                     print(row(study, event), flush=True)
-                    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from counterlight import calibration
 from counterlight.errors import InputError, one_line
@@ -36,12 +36,11 @@ def main() -> int:
     if not isinstance(start, Start):
         raise InputError(f"the first message is {type(start).__name__}, expected Start")
     threading.excepthook = _end
-    with threadpool_limits(limits=1):
-        process = _Process(start)
-        for target in (process.answer, process.look):
-            threading.Thread(target=target, daemon=True).start()
-        for message in messages:
-            process.take(message)
+    process = _Process(start)
+    for target in (process.answer, process.look):
+        threading.Thread(target=target, daemon=True).start()
+    for message in messages:
+        process.take(message)
     return 0
 
 
@@ -98,12 +97,11 @@ class _Process:
                 watcher = self._watcher
                 answer = watcher.answer(time.monotonic()) if watcher is not None else Answer("starting")
             if self._trouble:
-                answer = Answer(
-                    "no camera", self._trouble, answer.projectors, answer.ambient, 0.0, 0.0, answer.captures
+                answer = replace(
+                    answer, state="no camera", reason=self._trouble, confidence=0.0, latency_s=0.0, rejected={}
                 )
-            line = answer.line()
             with suppress(BrokenPipeError):
-                os.write(sys.stdout.fileno(), line)
+                os.write(sys.stdout.fileno(), answer.line())
             time.sleep(ANSWER_S)
 
     def _see(self, view: RoomView, camera: WatchCamera) -> None:
@@ -121,11 +119,8 @@ class _Process:
                     watcher.capture(arrived_s, shot, camera.exposures)
             else:
                 arrived_s = camera.skip()
-            period_s = (
-                min(max(arrived_s - last_s, 0.0), 0.2)
-                if not period_s
-                else 0.9 * period_s + 0.1 * min(max(arrived_s - last_s, 0.0), 0.2)
-            )
+            between_s = min(max(arrived_s - last_s, 0.0), 0.2)
+            period_s = 0.9 * period_s + 0.1 * between_s if period_s else between_s
             self._trouble, last_s = "", arrived_s
 
 

@@ -21,7 +21,8 @@ from counterlight.tools.acquisition.cameras.together import TogetherEye, togethe
 from counterlight.tools.acquisition.photographer import check_sizes
 from counterlight.tools.acquisition.rig import open_eye, parted
 from counterlight.tools.hdr.photographs import read_photograph
-from counterlight.unattended.watch_link import Picture, Start, reduced_boxes
+from counterlight.tools.watching.view import repeating
+from counterlight.unattended.watch_link import Picture, Start
 
 KINDS = "v4l2:NUMBER, pylon:SERIAL|N, simulated:SCENE|CALIBRATION or folder:DIR"
 LIVE = "v4l2", "pylon"
@@ -116,7 +117,7 @@ class SimulatedFrames:
     exposure_s, follows = BRIEF_S, True
 
     def __init__(self, room: Calibration, camera: SimulatedCamera, factor: int) -> None:
-        self._room, self._camera, self._factor = room, camera, factor
+        self._room, self._camera, self._repeat = room, camera, repeating(room, factor)
         self.exposures, self._pictures = camera.exposures, queue.Queue[Picture](maxsize=2)
         self._number = 0
         camera.eye.expose(camera.exposures.shortest)
@@ -127,14 +128,8 @@ class SimulatedFrames:
     def frame(self) -> tuple[float, Shot]:
         picture = self._next()
         self._number += 1
-        regions = self._room.regions
-        whole = np.zeros((*self._room.projector.shape, 3))
-        boxes = reduced_boxes([(r.left, r.top, r.width, r.height) for r in regions], self._factor)
-        for (left, top, width, height), region in zip(boxes, regions, strict=True):
-            part = picture.drive[top : top + height, left : left + width].astype(np.float64)
-            fine = part.repeat(self._factor, axis=0).repeat(self._factor, axis=1)
-            whole[region.part] = fine[: region.height, : region.width]
-        self._camera.screen.show(encoded(whole, self._room.response))
+        whole = self._repeat @ picture.drive.reshape(-1, 3).astype(np.float64)
+        self._camera.screen.show(encoded(whole.reshape(*self._room.projector.shape, 3), self._room.response))
         self._camera.eye.begin(self._number)
         return picture.time_s + BRIEF_S, self._camera.eye.frame()
 

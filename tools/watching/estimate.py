@@ -169,8 +169,8 @@ class Estimate:
         values, vectors = self._directions(evidence, free)
         units = self._units[np.ix_(free, free)]
         gradient = units.T @ (evidence.b - evidence.H @ theta)[free]
-        told = values > 1
-        theta[free] += units @ (vectors[:, told] @ ((vectors[:, told].T @ gradient) / values[told]))
+        determined = values > 1
+        theta[free] += units @ (vectors[:, determined] @ ((vectors[:, determined].T @ gradient) / values[determined]))
         return theta
 
     def _directions(self, evidence: Evidence, free: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:

@@ -1,10 +1,10 @@
-"""What one capture says about the changes of the room: a quadratic cost of θ around the present estimate.
+"""The evidence of one capture for changes of the room: a quadratic cost of θ around the present estimate.
 
 θ holds, per projector, a homography in eight numbers and the light of each channel; a smooth field of ambient light;
-and a movement of the camera, which is never corrected, only told from a movement of the projector. The residual of a
-block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the near light of T.
-Weights fall to zero for large residuals (Geman and McClure 1987) and for connected regions of them: people, shadows,
-a hand.
+and a movement of the camera, which is never corrected, only distinguished from a movement of the projector. The
+residual of a block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the
+near light of T. Weights fall to zero for large residuals (Geman and McClure 1987) and for connected regions of them:
+people, shadows, a hand.
 """
 
 from collections.abc import Callable
@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.passes.moved import moved
+from counterlight.passes.resample import tents
 from counterlight.raster import Region
 from counterlight.tools.acquisition.plan import MAD_TO_SIGMA
 from counterlight.tools.acquisition.registration import homography, normal_positions
@@ -145,15 +146,14 @@ class Comparison:
         self._halves = [max(box.height, box.width) / 2 for box in view.boxes]
         self._places = [normal_positions((box.height, box.width)) for box in view.boxes]
 
-    def landed(self, picture: FloatArray, theta: FloatArray, *, gains: bool = True) -> FloatArray:
+    def landed(self, picture: FloatArray, theta: FloatArray) -> FloatArray:
         """Return W(θ) p, the light of a shown reduced picture at the calibrated places."""
         view, result = self._view, np.zeros(picture.shape, np.float32)
         drive = np.ascontiguousarray(picture, np.float32)
         for number, box in enumerate(view.boxes):
             M = self._homography(number, theta)
             moved(drive, M, np.ones(3), box.left, box.top, box.width, box.height, result)
-            if gains:
-                result[box.part] *= (1 + theta[self.layout.gain(number)]).astype(np.float32)
+            result[box.part] *= (1 + theta[self.layout.gain(number)]).astype(np.float32)
         return result.astype(np.float64)
 
     def ambient(self, theta: FloatArray) -> FloatArray:
@@ -214,7 +214,7 @@ class Comparison:
         return float(np.mean(np.minimum(residual**2, 1)))
 
     def _unexplained(
-        self, residual: FloatArray, J: list[FloatArray], places: list[NDArray[np.int64]], told: BoolArray
+        self, residual: FloatArray, J: list[FloatArray], places: list[NDArray[np.int64]], valid: BoolArray
     ) -> FloatArray:
         """Return the residuals that no movement, lamp or even ambient light explains, (used blocks, channels).
 
@@ -228,18 +228,17 @@ class Comparison:
             even[cells, cells[0]] = 1
         even = even[:, even.any(axis=0)]
         Z = [each @ even[where] for each, where in zip(J, places, strict=True)]
-        fitted = _fitted(Z, residual, told, np.zeros(even.shape[1]), _huber)
-        starts = [_fitted(Z, residual, told, start, _redescending) for start in (np.zeros_like(fitted), fitted)]
+        fitted = _fitted(Z, residual, valid, np.zeros(even.shape[1]), _huber)
+        starts = [_fitted(Z, residual, valid, start, _redescending) for start in (np.zeros_like(fitted), fitted)]
         left = [residual - np.stack([z @ x for z in Z], axis=1) for x in starts]
-        scale = min(_scale(each[told]) for each in left)
-        cost = [float(np.sum(each[told] ** 2 * np.sqrt(_redescending(each[told] / scale)))) for each in left]
+        scale = min(_scale(each[valid]) for each in left)
+        cost = [float(np.sum(each[valid] ** 2 * np.sqrt(_redescending(each[valid] / scale)))) for each in left]
         return left[int(cost[1] < cost[0])]
 
     def _weights(self, residual: FloatArray, unclipped: BoolArray) -> tuple[float, FloatArray, float]:
         """Return the robust scale, the weight of each used block, and the share of foreign blocks."""
         size = np.sqrt(np.mean(residual**2, axis=1))
-        told = size[unclipped]
-        scale = _scale(residual[unclipped]) if told.size else 1.0
+        scale = _scale(residual[unclipped]) if unclipped.any() else 1.0
         weights = unclipped * _redescending(size / scale)
         foreign = np.zeros(self._view.blocks.count, np.bool_)
         foreign[self._used] = size > OUTLIER * scale
@@ -324,14 +323,14 @@ class Comparison:
 def _fitted(
     Z: list[FloatArray],
     residual: FloatArray,
-    told: BoolArray,
+    valid: BoolArray,
     x: FloatArray,
     weight: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
-    """Minimise a robust sum over channels k of |residual_k − Z_k x|, from x on. `told` are the blocks that count."""
+    """Minimise a robust sum over channels k of |residual_k − Z_k x|, from x on. `valid` blocks count."""
     for _ in range(ROUNDS):
         left = residual - np.stack([z @ x for z in Z], axis=1)
-        weights = told[:, None] * weight(left / (_scale(left[told]) if told.any() else 1.0))
+        weights = valid[:, None] * weight(left / (_scale(left[valid]) if valid.any() else 1.0))
         weighted = [weights[:, k, None] * z for k, z in enumerate(Z)]
         H = sum((w.T @ z for w, z in zip(weighted, Z, strict=True)), np.zeros((x.size, x.size)))
         b = sum((w.T @ residual[:, k] for k, w in enumerate(weighted)), np.zeros(x.size))
@@ -360,12 +359,9 @@ def _slope(predicted: FloatArray, measured: FloatArray, weights: FloatArray) -> 
 
 
 def _hats(shape: tuple[int, int], field: tuple[int, int]) -> FloatArray:
-    """Return the weights of the cells of a field that is interpolated between the middles of its cells.
-
-    (blocks, cells).
-    """
-    axes = []
-    for size, cells in zip(shape, field, strict=True):
-        at = np.clip((np.arange(size) + 0.5) * cells / size - 0.5, 0, cells - 1)
-        axes.append(np.maximum(0, 1 - np.abs(at[:, None] - np.arange(cells))))
+    """Return the weights of the cells of a field, as the player interpolates it (AmbientLight), (blocks, cells)."""
+    axes = [np.zeros(sizes) for sizes in zip(shape, field, strict=True)]
+    for axis in axes:
+        first, weights = tents(axis.shape[1], len(axis), 0, len(axis))
+        np.put_along_axis(axis, first[:, None] + np.arange(weights.shape[1]), weights, axis=1)
     return np.asarray(np.einsum("ri,cj->rcij", *axes).reshape(shape[0] * shape[1], -1))

@@ -49,7 +49,7 @@ class Exposed:
 
 @dataclass(frozen=True)
 class Latency:
-    """latency_s, exposure_s : L and E; unsure_s : largest error of L; known : whether the film has told them."""
+    """latency_s, exposure_s : L and E; unsure_s : largest error of L; known : whether the film has determined them."""
 
     latency_s: float
     exposure_s: float
@@ -156,16 +156,16 @@ class Timeline:
         if self._follows or len(self._captures) < FEWEST or len(self._times) < 2:
             return
         times = np.array([time for time, _ in self._captures])
-        told = times > self._times[0] + MOST_LATENCY_S + self._refresh_s
-        if told.sum() < FEWEST:
+        covered = times > self._times[0] + MOST_LATENCY_S + self._refresh_s
+        if covered.sum() < FEWEST:
             return
-        differences = np.diff(np.stack([seen for _, seen in self._captures])[told], axis=0)
+        differences = np.diff(np.stack([seen for _, seen in self._captures])[covered], axis=0)
         total = float(np.sum(differences**2))
         if total <= 0:
             return
         lags, exposures = np.arange(0.0, MOST_LATENCY_S, STEPS_S), self._exposures()
         integral = _Integral(np.array(self._times), np.stack(self._lights))
-        costs = np.array([[self._cost(integral, times[told], differences, L, E) for L in lags] for E in exposures])
+        costs = np.array([[self._cost(integral, times[covered], differences, L, E) for L in lags] for E in exposures])
         number, lag = np.unravel_index(np.argmin(costs), costs.shape)
         least, along = float(costs[number, lag]), costs[number]
         worse = INDEPENDENT * len(differences) * np.log(along / max(least, 1e-30))

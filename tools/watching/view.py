@@ -4,7 +4,6 @@ The model is c = T W(θ) p + e. B takes means over blocks of the camera picture,
 projector picture, so that B T R is small. Light is in screen primaries (counterlight.maps.mixing).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,12 +18,12 @@ from counterlight.errors import InputError
 from counterlight.maps.chain import Chain
 from counterlight.maps.mixing import mixed
 from counterlight.maps.row_map import SparseRows
-from counterlight.raster import Region
+from counterlight.pipeline.shown_copies import reduced_boxes, reduced_shape
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.registration import lit
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.transport.transport import Csr, Transport, channels, luminance, stacked
-from counterlight.unattended.watch_link import GRID, Box, reduced_boxes
+from counterlight.unattended.watch_link import GRID
 
 MOST_BLOCKS = 5000
 FEWEST_BLOCKS = 50
@@ -93,10 +92,9 @@ class RoomView:
         self.room, self.factor, self.white = room, factor, tier.white
         self._mixing = tier.mixing
         self.blocks = Blocks.over(room.camera.shape)
-        regions: Sequence[Box] = [(r.left, r.top, r.width, r.height) for r in room.regions]
-        self.boxes = [Region(*box) for box in reduced_boxes(regions, factor)]
-        self.raster = max(box.height for box in self.boxes), sum(box.width for box in self.boxes)
-        B, R = self.blocks.averaging(room.camera.shape), _repeating(room, self.boxes, self.raster, factor)
+        self.boxes = reduced_boxes(room.regions, factor)
+        self.raster = reduced_shape(self.boxes)
+        B, R = self.blocks.averaging(room.camera.shape), repeating(room, factor)
         self.transport = _reduced(tier.transport, B, R)
         self.ambient = self.blocks.means(tier.ambient).astype(np.float64)
         flood = tier.transport.composition().reshape(*room.camera.shape, 3)
@@ -193,21 +191,22 @@ class RoomView:
 
 def regional(values: FloatArray, region: NDArray[np.int64]) -> FloatArray:
     """Return the mean of blocks (blocks,) per region, (regions,); 0 for a region without blocks."""
-    told = region >= 0
-    size = GRID[0] * GRID[1]
-    sums, counts = np.bincount(region[told], values[told], size), np.bincount(region[told], minlength=size)
+    counted, size = region >= 0, GRID[0] * GRID[1]
+    sums = np.bincount(region[counted], values[counted], size)
+    counts = np.bincount(region[counted], minlength=size)
     return np.asarray(sums / np.maximum(counts, 1))
 
 
-def _repeating(room: Calibration, boxes: Sequence[Region], raster: tuple[int, int], factor: int) -> Csr:
+def repeating(room: Calibration, factor: int) -> Csr:
     """Return R, (projector pixels, reduced pixels), which repeats every reduced pixel."""
-    number = np.full(room.projector.shape, -1, np.int64)
+    boxes, number = reduced_boxes(room.regions, factor), np.full(room.projector.shape, -1, np.int64)
+    height, columns = reduced_shape(boxes)
     for box, region in zip(boxes, room.regions, strict=True):
         y, x = np.arange(region.height) // factor + box.top, np.arange(region.width) // factor + box.left
-        number[region.part] = y[:, None] * raster[1] + x
+        number[region.part] = y[:, None] * columns + x
     pixel = np.flatnonzero(number.ravel() >= 0)
     entries = np.ones(len(pixel), np.float32), (pixel, number.ravel()[pixel])
-    return Csr(sparse.coo_array(entries, shape=(number.size, raster[0] * raster[1])))
+    return Csr(sparse.coo_array(entries, shape=(number.size, height * columns)))
 
 
 def _reduced(transport: Transport, B: Csr, R: Csr) -> Transport:

@@ -5,6 +5,7 @@ It knows no clock and no device: times come with frames and captures, so that a 
 
 from collections import Counter, deque
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,9 +47,7 @@ MUCH_BETTER = 0.7  # factor by which a jump must reduce the misfit
 class _Taken:
     """A capture that was compared."""
 
-    time_s: float
-    exposed: Exposed
-    measured: FloatArray
+    picture: FloatArray
     compared: Compared
 
 
@@ -66,7 +65,7 @@ class Watcher:
         self._timeline = Timeline(coarse, exposure_s, refresh_s, follows=follows)
         self._situation = Situation()
         self._taken: deque[_Taken] = deque(maxlen=30)
-        self._last: tuple[float, FloatArray, NDArray[np.float32] | None] | None = None
+        self._last: tuple[FloatArray, NDArray[np.float32] | None] | None = None
         self._light: NDArray[np.float32] | None = None
         self._compared_light: NDArray[np.float32] | None = None
         self._same = self._captures = 0
@@ -101,7 +100,7 @@ class Watcher:
         """Take a capture that arrived at `time_s`; `exposures` converts its code values to radiance."""
         measured = self._view.measured(exposures.radiance([shot]))
         self._capture_s = time_s
-        if self._stands_still(time_s, measured):
+        if self._stands_still(measured):
             self._rejected["identical"] += 1
             return
         light = measured - self._comparison.ambient(self._estimate.theta)
@@ -114,7 +113,7 @@ class Watcher:
         if exposed is None:
             self._rejected["unknown frames"] += 1
             return
-        if float(np.sqrt(np.mean(exposed.change**2))) > CUT:
+        if _rms(exposed.change) > CUT:
             self._rejected["cut"] += 1
             return
         self._compare(time_s, exposed, measured, shot, exposures)
@@ -148,61 +147,52 @@ class Watcher:
     def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
         unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, measured)
         compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
-        taken = _Taken(time_s, exposed, measured, compared)
         if compared.outliers < MISFITTING:
             self._rest_s = SEARCH_S[0]
         elif time_s - self._searched_s > self._rest_s:
             self._searched_s, self._rest_s = time_s, min(2 * self._rest_s, SEARCH_S[1])
-            if self._jump(taken):
+            if self._jump(exposed, measured):
                 compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
-                taken = _Taken(time_s, exposed, measured, compared)
         self._compared_s, self._compared_light = time_s, self._light
-        previous = self._taken[-1].exposed.picture if self._taken else None
-        self._taken.append(taken)
+        previous = self._taken[-1].picture if self._taken else None
+        self._taken.append(_Taken(exposed.picture, compared))
         self._captures += 1
         if compared.outliers > 0.5:
             self._rejected["outlier"] += 1
             return
-        change = np.inf if previous is None else float(np.sqrt(np.mean((exposed.picture - previous) ** 2)))
+        change = np.inf if previous is None else _rms(exposed.picture - previous)
         self._estimate.add(time_s, compared, change)
         if time_s - self._fitted_s >= FIND_EVERY_S:
             self._fitted_s = time_s
             self._found = self._estimate.find()
 
-    def _jump(self, taken: _Taken) -> bool:
+    def _jump(self, exposed: Exposed, measured: FloatArray) -> bool:
         """Search for a jump of each picture, and continue from it if it explains the capture much better."""
-        theta, before = (
-            self._estimate.theta,
-            self._comparison.misfit(taken.exposed, taken.measured, self._estimate.theta),
-        )
-        least = before
+        theta = self._estimate.theta
+        before = least = self._comparison.misfit(exposed, measured, theta)
         for number in range(self._comparison.layout.projectors):
             place = self._comparison.layout.geometry(number)[:2]
             for step in SEARCHED:
                 centre = theta
-                for right in (-2, -1, 0, 1, 2):
-                    for down in (-2, -1, 0, 1, 2):
-                        trial = centre.copy()
-                        trial[place] += np.array([right, down]) * step
-                        cost = self._comparison.misfit(taken.exposed, taken.measured, trial)
-                        if cost < least:
-                            theta, least = trial, cost
+                for shift in product((-2, -1, 0, 1, 2), repeat=2):
+                    trial = centre.copy()
+                    trial[place] += np.array(shift) * step
+                    cost = self._comparison.misfit(exposed, measured, trial)
+                    if cost < least:
+                        theta, least = trial, cost
         if least > MUCH_BETTER * before:
             return False
         self._estimate.restart(theta)
         self._found, self._jumped = None, True
         return True
 
-    def _stands_still(self, time_s: float, measured: FloatArray) -> bool:
+    def _stands_still(self, measured: FloatArray) -> bool:
         """Whether a capture equals the previous one although the film has changed."""
-        previous, self._last = self._last, (time_s, measured, self._light)
-        if previous is None or not np.array_equal(previous[1], measured):
-            self._same = 0
+        if self._last is None or not np.array_equal(self._last[0], measured):
+            self._last, self._same = (measured, self._light), 0
             return False
-        assert self._last is not None
-        self._last = (time_s, measured, previous[2])
-        changed = previous[2] is not None and self._light is not None and _rms(self._light - previous[2]) > CHANGED
-        self._same += changed
+        light = self._last[1]
+        self._same += light is not None and self._light is not None and _rms(self._light - light) > CHANGED
         return True
 
     def _state(self, now_s: float) -> tuple[str, str]:
@@ -224,7 +214,7 @@ class Watcher:
         if self._found is None:
             if not self._taken:
                 known = self._timeline.latency.known
-                return "looking", "" if known else "the film has not yet told when the camera sees a frame"
+                return "looking", "" if known else "the film has not yet shown when the camera sees a frame"
             return "holding", "too few captures"
         return self._state_of(self._found, now_s)
 
@@ -248,11 +238,11 @@ class Watcher:
 
     def _automatic(self) -> bool:
         """Whether the gain of the captures follows the brightness of the film."""
-        told = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain)]
-        if len(told) < EXPOSURES:
+        known = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain)]
+        if len(known) < EXPOSURES:
             return False
-        gain = np.log([max(each.gain, 1e-3) for each in told])
-        light = np.log([max(each.brightness, 1e-3) for each in told])
+        gain = np.log([max(each.gain, 1e-3) for each in known])
+        light = np.log([max(each.brightness, 1e-3) for each in known])
         if gain.std() < AUTOMATIC[1] or light.std() < AUTOMATIC[1]:
             return False
         return float(np.corrcoef(gain, light)[0, 1]) < -AUTOMATIC[0]
