@@ -109,7 +109,7 @@ class Canvas(Held):
         return self.picture
 
     def clear(self) -> None:
-        self.picture = np.zeros(self._shape)
+        self.picture[...] = 0
 
 
 def formula(made: Pass[Any], shape: tuple[int, int]) -> FloatArray | None:
@@ -181,7 +181,8 @@ class Planes(Held):
 class Adapter(Held):
     def __init__(self, near_light: Any, ambient: FloatArray, most: FloatArray, white: float) -> None:
         self._near_light, self._white, self._succession = near_light, white, Succession(lasting=True)
-        self._limits = Limits(near_light(np.ones_like(ambient)), near_light(ambient), ambient, most)
+        white_near, ambient_near = (near_light(light).copy() for light in (np.ones_like(ambient), ambient))
+        self._limits = Limits(white_near, ambient_near, ambient, most)  # one canvas holds each in turn
         self._before: FloatArray = NO_TONE
         self._now: FloatArray = NO_TONE
 
