@@ -32,7 +32,7 @@ def plays_on(client: Client, process: Any, frames: int = 10) -> None:
 
 
 def told(client: Client, words: str) -> Callable[[], bool]:
-    return lambda: words in client.get("message")
+    return lambda: any(words in notice for notice in client.get("notices"))
 
 
 def test_keys_socket_and_heartbeat_answer_while_a_peer_says_nothing(

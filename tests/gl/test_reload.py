@@ -36,6 +36,20 @@ def playing_copy(xvfb: str, installed: Path, plain_room: Path, noise_picture: Pa
         yield process
 
 
+@pytest.fixture
+def corrected(plain_room: Path, noise_picture: Path, tmp_path: Path) -> np.ndarray:
+    """Return what the projector shows with the shaders as they are."""
+    return expected_picture(plain_room, noise_picture, tmp_path)
+
+
+@pytest.fixture
+def client(xvfb: str, installed: Path, corrected: np.ndarray, playing_copy: subprocess.Popen[str]) -> Iterator[Client]:
+    """Connect to the copy's player as soon as it shows its picture."""
+    wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
+    with Client(installed / "show.socket") as client:
+        yield client
+
+
 def assert_shown_again(client: Client, display: str, corrected: np.ndarray, player: subprocess.Popen[str]) -> None:
     """Wait until the picture is another one without compensation, and the corrected one with it."""
     for compensation in (False, True):
@@ -44,14 +58,8 @@ def assert_shown_again(client: Client, display: str, corrected: np.ndarray, play
 
 
 def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
-    xvfb: str,
-    installed: Path,
-    plain_room: Path,
-    noise_picture: Path,
-    tmp_path: Path,
-    playing_copy: subprocess.Popen[str],
+    xvfb: str, installed: Path, corrected: np.ndarray, playing_copy: subprocess.Popen[str], client: Client
 ) -> None:
-    corrected = expected_picture(plain_room, noise_picture, tmp_path)
     shaders = installed / "counterlight" / "shaders"
     present, encode = ((shaders / name).read_text() for name in ("present.frag", "encode.frag"))
     result = "encoded = vec4(code, 1.0)"
@@ -60,8 +68,6 @@ def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
     def shows(wanted: np.ndarray) -> None:
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), wanted), "the picture", playing_copy)
 
-    shows(corrected)
-    client = Client(installed / "show.socket")
     steps: list[tuple[str, str, str, np.ndarray]] = [
         ("present.frag", present.replace(result, "encoded = vec4(1.0 - code, 1.0)"), "", 255 - corrected),
         ("present.frag", present.replace(result, "encoded = vec4(codes, 1.0)"), "present.frag", 255 - corrected),
@@ -82,48 +88,30 @@ def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
         for compensation in (False, True):  # what is drawn from now on
             assert client.ask("set_property", "compensation", compensation)["error"] == "success"
         shows(wanted)
-    client.close()
     playing_copy.terminate()
     playing_copy.communicate(timeout=PATIENCE_S)
 
 
 def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
-    xvfb: str,
-    installed: Path,
-    plain_room: Path,
-    noise_picture: Path,
-    tmp_path: Path,
-    playing_copy: subprocess.Popen[str],
+    xvfb: str, installed: Path, corrected: np.ndarray, playing_copy: subprocess.Popen[str], client: Client
 ) -> None:
     """encode.frag without its textures compiles and links. The pass fails when it draws the first picture."""
-    corrected = expected_picture(plain_room, noise_picture, tmp_path)
     shader = installed / "counterlight" / "shaders" / "encode.frag"
-    wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
-    client = Client(installed / "show.socket")
     text = shader.read_text()
     head, _, _ = text.partition("void main")
     shader.write_text(head + "void main() { encoded = vec4(scale * highest); }")
     assert client.ask("reload")["error"] == "success"
-    wait_until(lambda: "not reloaded" in client.get("message"), "what is wrong", playing_copy)
+    wait_until(lambda: "not reloaded" in " ".join(client.get("notices")), "what is wrong", playing_copy)
     assert_shown_again(client, xvfb, corrected, playing_copy)
-    client.close()
 
 
 def test_a_shader_that_only_another_view_draws_does_not_end_the_show(
-    xvfb: str,
-    installed: Path,
-    plain_room: Path,
-    noise_picture: Path,
-    tmp_path: Path,
-    playing_copy: subprocess.Popen[str],
+    xvfb: str, installed: Path, corrected: np.ndarray, playing_copy: subprocess.Popen[str], client: Client
 ) -> None:
-    corrected = expected_picture(plain_room, noise_picture, tmp_path)
-    wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
-    client = Client(installed / "show.socket")
     (installed / "counterlight" / "shaders" / Split.shader).write_text("#version 330 core\nvoid main() { nothing }")
     assert client.ask("reload")["error"] == "success"
     assert client.ask("set_property", "view", "split")["error"] == "success"
-    wait_until(lambda: f"not drawn: shaders/{Split.shader}" in client.get("message"), "what is wrong", playing_copy)
+    wrong = f"not drawn: shaders/{Split.shader}"
+    wait_until(lambda: wrong in " ".join(client.get("notices")), "what is wrong", playing_copy)
     assert client.ask("set_property", "view", "projector")["error"] == "success"
     assert_shown_again(client, xvfb, corrected, playing_copy)
-    client.close()
