@@ -24,6 +24,7 @@ from tests import screens
 from tests.gl_objects import live_objects
 from tests.media import rings
 from tests.programs import PATIENCE_S, descendants
+from tests.warm_start import compile_one_at_a_time
 
 ROOT = Path(__file__).resolve().parents[1]
 MEMORY, ROOM_BYTES = Path("/dev/shm"), 1 << 30  # a whole run uses a fifth of this
@@ -45,6 +46,7 @@ if _keeps_files(MEMORY):
 # loses a third of its processor time. test_wheel.py runs commands with a user's number of threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+compile_one_at_a_time()
 log_natively(av.logging.ERROR)  # tests encode in this process
 
 # A script's background jobs ignore Ctrl-C. Tests send Ctrl-C, so restore its handler for pytest and its children.

@@ -10,6 +10,7 @@ always does so.
 
 import atexit
 import contextlib
+import fcntl
 import gc
 import importlib
 import json
@@ -57,6 +58,30 @@ def import_all() -> dict[str, str]:
     gc.collect()
     gc.freeze()  # copies share the memory pages
     return {name: value for name, value in os.environ.items() if before.get(name) != value}
+
+
+def compile_one_at_a_time() -> None:
+    """Let one process at a time compile functions that Numba caches. The others wait, and load what it has compiled."""
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.dispatcher import Dispatcher
+
+    compile_here = Dispatcher.compile
+    is_locked = False
+
+    def compile_alone(self: Any, signature: Any) -> Any:
+        nonlocal is_locked
+        with global_compiler_lock:
+            if is_locked or not self.stats.cache_path:  # one function compiles those that it calls
+                return compile_here(self, signature)
+            with open(__file__, "rb") as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                is_locked = True
+                try:
+                    return compile_here(self, signature)
+                finally:
+                    is_locked = False
+
+    Dispatcher.compile = compile_alone
 
 
 class Kernels:
@@ -209,6 +234,7 @@ def main() -> None:
     if os.fork():  # the server is no child of a test, because tests count their children
         os._exit(0)
     imported = import_all()
+    compile_one_at_a_time()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the copies and the client
     with socket.socket(fileno=int(sys.argv[1])) as requests:
         wanted = served(requests)
