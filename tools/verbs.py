@@ -9,9 +9,9 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib.metadata import version
 from typing import NamedTuple
 
+import counterlight
 from counterlight.command import DONE, SCRIPTS, Parser, run
 from counterlight.errors import InputError, nearest
 
@@ -120,9 +120,8 @@ def _parser() -> Parser:
         metavar="VERB",
         help="one of the verbs above; counterlight VERB --help explains it",
     )
-    parser.add_argument(
-        "--version", action="version", version=f"counterlight {version('counterlight')}", help="print the version"
-    )
+    version = f"counterlight {counterlight.__version__}"
+    parser.add_argument("--version", action="version", version=version, help="print the version")
     return parser
 
 
