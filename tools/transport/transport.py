@@ -200,7 +200,8 @@ class Transport:
 def in_one(transport: Transport, threshold: float = 0.0) -> SparseRows:
     """Return S + B P + U M D by entries, float32, without zeros and entries of a luminance below `threshold`.
 
-    With far light and no threshold, the result is (almost) dense.
+    With far light and no threshold, the result is (almost) dense. Columns in which no pixel of a block can reach the
+    threshold by far light are computed only where S has an entry.
     """
     if transport.blurred is not None:
         factors = zip(*(channels(part) for part in (transport.blurred.scatter, transport.blurred.gather)), strict=True)
@@ -213,9 +214,14 @@ def in_one(transport: Transport, threshold: float = 0.0) -> SparseRows:
     blocks = []
     for start in range(0, transport.shape[0], ROWS_AT_ONCE):
         some = slice(start, start + ROWS_AT_ONCE)
-        sums = [base[some] @ D + S[some].toarray() for base, D, S in zip(bases, gather, near, strict=True)]
-        rows = dense_rows(np.stack(sums).astype(np.float32)).inside(np.ones(sums[0].shape[0], bool))
-        blocks.append(_from(rows, threshold))
+        rows, light = [S[some] for S in near], [base[some] for base in bases]
+        most = [np.abs(each).max(axis=0) @ abs(D) for each, D in zip(light, gather, strict=True)]
+        reached = luminance(np.stack(most, axis=1)) >= threshold
+        reached[np.concatenate([S.indices for S in rows])] = True
+        sums = [e @ D[:, reached] + S[:, reached].toarray() for e, D, S in zip(light, gather, rows, strict=True)]
+        block = dense_rows(np.stack(sums).astype(np.float32)).inside(np.ones(sums[0].shape[0], bool))
+        places = np.flatnonzero(reached).astype(np.int32)
+        blocks.append(_from(replace(block, indices=places[block.indices], columns=len(reached)), threshold))
     return below_each_other(blocks)
 
 
