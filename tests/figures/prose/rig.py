@@ -42,6 +42,7 @@ PROSE = (
         RIG,
         ("defaults end at {} to {} dB inside the border", lambda t: ends(t("home", INSIDE))),
         ("at most {} dB below the best that any drive could show", lambda t: (below_inside(t),)),
+        ("and {} dB over all lit pixels", lambda t: ends(t("home", "below, dB"))[1:]),
     ),
     said(
         "docs/rig.md",
