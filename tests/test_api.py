@@ -49,7 +49,7 @@ def test_the_page_runs_as_it_is_printed(tmp_path: Path, monkeypatch: pytest.Monk
     rng = np.random.default_rng(3)
     write_png(tmp_path / "frame.png", rng.integers(30, 200, (60, 100, 3)).astype(np.uint8))
     blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert len(blocks) == 8
+    assert len(blocks) == 9
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, "docs/api.md", "exec"), names)

@@ -32,7 +32,7 @@ AVERAGED = "hierarchical", "multiplexed"  # other schemes serve for comparison a
 MINUTES = 10.0
 RADIANCE = "radiance="
 EXAMPLES = (
-    "counterlight acquire --camera v4l2:0 --monitor HDMI-1 --preview -o room",
+    "counterlight acquire --camera v4l2:0 --exposures 0.03 --monitor 1 -o room",
     "counterlight acquire --camera simulated:corner -o room",
 )
 COMMON = (

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from counterlight.tools.transport.transport import Transport
 
 EXAMPLES = (
-    "counterlight verify room --camera v4l2:0 --monitor HDMI-1",
-    "counterlight verify room picture.png --camera v4l2:0 --rounds 2 -o seen",
+    "counterlight verify room --camera v4l2:0 --exposures 0.03 --monitor 1",
+    "counterlight verify room picture.png --camera folder:shots --rounds 2",
 )
 COMMON = (
     *("--projector", "--monitor", "--window", "--exposures", "--no-correct", "--watch", "--control"),

@@ -384,7 +384,7 @@ GROUPS: dict[str, dict[str, Option]] = {
             value="MINUTES",
         ),
         "check-with": Option(
-            "pass these options to counterlight verify, such as '--camera v4l2:0'; check-room uses them, too",
+            "pass these options to counterlight verify, for its camera and monitor; check-room uses them, too",
             TEXT,
             value="'OPTIONS'",
         ),

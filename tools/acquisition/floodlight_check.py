@@ -209,7 +209,7 @@ class View:
         if share <= MOST_OTHERWISE:
             return ""
         return (
-            f"{share:.0%} of the floodlit room{self._seen} is otherwise bright than it was: something in it, or the "
+            f"{share:.0%} of the floodlit room{self._seen} is brighter or darker than it was: something in it, or the "
             "camera, has moved"
         )
 

@@ -42,6 +42,7 @@ PROSE = (
         RIG,
         ("defaults end at {} to {} dB inside the border", lambda t: ends(t("home", INSIDE))),
         ("at most {} dB below the best that any drive could show", lambda t: (below_inside(t),)),
+        ("and {} dB over all lit pixels", lambda t: ends(t("home", "below, dB"))[1:]),
     ),
     said(
         "docs/rig.md",
@@ -52,7 +53,7 @@ PROSE = (
         ),
         ("Inside the border, `home` is at most {} dB below", lambda t: (below_inside(t),)),
         ("**Light outside** is at most {} % of white", lambda t: (max(t("home", "light outside (plain)")),)),
-        ("With steps PSNR falls by {} dB at most", lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),)),
+        ("More steps lower PSNR by {} dB at most", lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),)),
         (
             "after a drift and one check, a picture is at {} to {} dB",
             lambda t: ends([after for _, after in (checked(t, room) for room in ROOMS)]),
