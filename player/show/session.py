@@ -7,20 +7,19 @@ the clock are arguments.
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from counterlight.command import tell
 from counterlight.errors import DrawingError, InputError, printable
-from counterlight.media.audio import AudioOutput
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.media.medium import Medium
 from counterlight.memory import give_back
 from counterlight.overlay.osd import Message, Page
-from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
+from counterlight.show.beginning import NO_SOUND, PLAYING, SHOWING, Playing, Showing, Sound
 from counterlight.show.display import Display
 from counterlight.show.drawing import draw
 from counterlight.show.fading import FADE_WAIT_S, Fade, Leaving
@@ -41,55 +40,6 @@ MOST_REDRAWS = 12  # redraws of a picture that stays on the screen until its ste
 LONGEST_WAIT_S = 0.05  # longest wait before the decoder and the remotes are polled; keys wake the window at once
 AHEAD_S = 10.0  # how long before a medium ends the next is opened; starting a decoder takes 0.3 s of a processor
 OPENING_WAIT_S = 0.01  # longest wait while a medium is being opened
-
-
-@dataclass(frozen=True)
-class Playing:
-    """How media are played when the session begins.
-
-    start_s : where the first medium starts.
-    image_display_duration : seconds that a still is shown; None for no limit.
-    keep_open : what stays at the end of the list, an option of options.py.
-    fade_s, crossfade_s : seconds of a fade from and to black, and between two media.
-    """
-
-    loop_file: bool = False
-    speed: float = 1.0
-    start_s: float = 0.0
-    image_display_duration: float | None = None
-    keep_open: str = "auto"
-    fade_s: float = 0.0
-    crossfade_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class Showing:
-    """What the screen shows when the session begins.
-
-    view, compensation, blackout, osd : the options of these names.
-    adjustments : the viewer's settings.
-    """
-
-    view: str = "projector"
-    compensation: bool = True
-    adjustments: Adjustments = NEUTRAL
-    blackout: bool = False
-    osd: str = "auto"
-
-
-@dataclass(frozen=True)
-class Sound:
-    """The output of sound.
-
-    output : None without an output.
-    silence : why there is no output, reported when a medium has sound; None if the user wants no sound.
-    """
-
-    output: AudioOutput | None = None
-    silence: str | None = None
-
-
-PLAYING, SHOWING, NO_SOUND = Playing(), Showing(), Sound()
 
 
 class Session:
