@@ -199,7 +199,7 @@ def test_what_is_wrong_is_answered_and_the_next_line_works(
     assert capsys.readouterr().err.count("\n") == (b"break" in line)  # faults of the product are also printed here
 
 
-def test_observed_properties_are_told_at_once_and_when_they_change(client: Client, lamp: Lamp) -> None:
+def test_observed_properties_are_reported_at_once_and_when_they_change(client: Client, lamp: Lamp) -> None:
     assert client.ask("observe_property", 5, "gap")["error"] == "success"
     assert client.line() == {"event": "property-change", "id": 5, "name": "gap", "data": 0.25}
     assert client.ask("observe_property_string", 6, "gap")["error"] == "success"
@@ -214,7 +214,7 @@ def test_observed_properties_are_told_at_once_and_when_they_change(client: Clien
     assert client.silent()
 
 
-def test_the_next_file_is_told_unless_it_is_not_wanted(connect: Callable[[], Client], lamp: Lamp) -> None:
+def test_the_next_file_is_reported_unless_it_is_not_wanted(connect: Callable[[], Client], lamp: Lamp) -> None:
     hears, deaf = connect(), connect()
     assert deaf.ask("disable_event", "start-file")["error"] == "success"
     assert hears.silent()

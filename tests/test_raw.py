@@ -262,7 +262,7 @@ def test_an_acquisition_of_raw_captures(
     assert np.corrcoef(truth.ravel(), found.ravel())[0, 1] > 0.99  # noise is below 1 %
 
 
-def test_a_camera_that_exposes_otherwise_is_told(tmp_path: Path) -> None:
+def test_a_camera_that_exposes_otherwise_is_reported(tmp_path: Path) -> None:
     camera = FolderCamera(tmp_path, Exposures((0.1, 0.4)))
     camera._make_folders()
     picture, light = np.ones(PROJECTOR, np.bool_), np.full((16, 16, 3), 9000.0)

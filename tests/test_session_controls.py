@@ -286,7 +286,9 @@ def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> No
     assert stage.session.stats.notices == ["not reloaded: KeyError('scale')"]
 
 
-def test_what_reader_and_display_have_to_say_is_told_at_once(stage: Stage, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_reader_and_display_have_to_say_is_reported_at_once(
+    stage: Stage, capsys: pytest.CaptureFixture[str]
+) -> None:
     stage.show.step()
     stage.reader.news, stage.screen.news = ["decoder stopped; restarted"], ["monitor A has gone"]
     stage.advance(0.05)
@@ -350,7 +352,7 @@ def test_the_certificate_is_measured_now_and_then_and_only_to_be_shown(stage: St
     assert stage.commands.get("psnr") == 40
 
 
-def test_remotes_are_polled_and_the_heartbeat_told_when_it_is_due() -> None:
+def test_remotes_are_polled_and_the_heartbeat_informed_when_it_is_due() -> None:
     polls: list[Commands] = []
     beats: list[Mapping[str, object]] = []
 

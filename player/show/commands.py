@@ -135,8 +135,8 @@ class _Actions:
 
     def load(self, path: object, how: object = "replace") -> str:
         word = LOADS.read(how)
-        told = {"replace": word == "replace", "follows": word.startswith("insert"), "play": word.endswith("-play")}
-        return Path(self._session.programme.load(str(path), **told).name).name
+        loading = {"replace": word == "replace", "follows": word.startswith("insert"), "play": word.endswith("-play")}
+        return Path(self._session.programme.load(str(path), **loading).name).name
 
     def playlist_remove(self, position: object) -> None:
         session = self._session

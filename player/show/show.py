@@ -57,7 +57,7 @@ class Show:
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
-        self._told_at, self._polled, self._on_interrupt = float("-inf"), polled, on_interrupt
+        self._status_at, self._polled, self._on_interrupt = float("-inf"), polled, on_interrupt
         self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
@@ -100,8 +100,8 @@ class Show:
 
     def _tell_terminal(self) -> None:
         session, now_s = self.session, time.monotonic()
-        if session.playback is not None and now_s - self._told_at >= STATUS_INTERVAL_S:
-            self._told_at = now_s
+        if session.playback is not None and now_s - self._status_at >= STATUS_INTERVAL_S:
+            self._status_at = now_s
             status(status_line(session))
 
     def _check(self) -> str:

@@ -61,7 +61,7 @@ def test_there_are_compute_shaders_here(gl_context: moderngl.Context) -> None:
 @pytest.mark.parametrize("combine", COMBINES)
 @pytest.mark.parametrize(("output", "source"), [((7, 13), (11, 17)), ((19, 3), (2, 31)), ((1, 6), (41, 17))])
 @pytest.mark.parametrize("longest", [1, 20, 300])
-def test_a_product_equals_its_twin(
+def test_a_product_matches_the_cpu(
     gl_context: moderngl.Context,
     rng: np.random.Generator,
     path: str,
@@ -128,7 +128,7 @@ def test_a_source_beyond_what_a_float_counts_is_read_at_its_corners(gl_context: 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("start", STARTS)
-def test_refined_drives_equal_their_twin(
+def test_refined_drives_match_the_cpu(
     gl_context: moderngl.Context, rng: np.random.Generator, path: str, far: bool, start: str
 ) -> None:
     room = physical_room(rng, far=far, start=start).room
@@ -146,7 +146,7 @@ def test_refined_drives_equal_their_twin(
 
 
 @pytest.mark.parametrize("view", ["projector", "camera", "split", "error", "impossible"])
-def test_every_view_by_compute_shaders_equals_its_twin(
+def test_every_view_by_compute_shaders_matches_the_cpu(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str
 ) -> None:
     with both(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), GpuPath("compute")) as (gl, cpu):

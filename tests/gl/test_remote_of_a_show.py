@@ -54,7 +54,7 @@ def test_the_page_needs_no_token_and_says_nothing_and_everything_else_is_refused
         assert visitor.get("pause") is False
 
 
-def test_what_a_visitor_asks_is_done_and_all_are_told_what_changes(xvfb: str, small_room: Path, folder: Path) -> None:
+def test_what_a_visitor_asks_is_done_and_all_learn_what_changes(xvfb: str, small_room: Path, folder: Path) -> None:
     with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place):
         with place.visit() as one, place.visit() as other:
             other.hear_until(lambda: "late-frames" in other.values)

@@ -59,7 +59,7 @@ def combined(small: SmallMap, picture: np.ndarray, base: np.ndarray, combine: st
 @pytest.mark.parametrize("combine", COMBINES)
 @pytest.mark.parametrize(("output", "source"), [((7, 13), (11, 17)), ((19, 3), (200, 131)), ((1, 6), (41, 17))])
 @pytest.mark.parametrize("longest", [1, 20, 300])
-def test_a_product_equals_its_twin(
+def test_a_product_matches_the_cpu(
     gl_context: moderngl.Context,
     rng: np.random.Generator,
     path: str,
@@ -95,9 +95,9 @@ def test_no_row_reads_another_pixel(gl_context: moderngl.Context, rng: np.random
 
 def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> Iterator[AnyRenderer]:
     """Yield the room rendered from words, then from equal 16-byte entries on the CPU, both after `steps` steps."""
-    twin = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
+    long_room = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
     frame = radiance_frame(np.random.default_rng(5).choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
-    for renderer in (GlRenderer(context, room, GpuPath(path, "words")), CpuRenderer(twin)):
+    for renderer in (GlRenderer(context, room, GpuPath(path, "words")), CpuRenderer(long_room)):
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("projector", compensate=True, steps=steps)
@@ -108,17 +108,17 @@ def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> It
 @pytest.mark.parametrize("path", STORES)
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("steps", [1, 5, 50])
-def test_refined_drives_equal_their_twin(
+def test_refined_drives_match_the_cpu(
     gl_context: moderngl.Context, rng: np.random.Generator, path: str, far: bool, steps: int
 ) -> None:
     room = with_words(physical_room(rng, far=far, start="grey").room)
     found = [(each.linear(), each.certificate(), each.path) for each in rendered(gl_context, room, path, steps)]
-    (drive, certificate, report), (expected, of_twin, _) = found
+    (drive, certificate, report), (expected, on_cpu, _) = found
     np.testing.assert_allclose(drive, expected, atol=ATOL)
     assert certificate is not None
-    assert of_twin is not None
-    np.testing.assert_allclose(certificate.squared_error, of_twin.squared_error, rtol=1e-4)  # float32
-    np.testing.assert_allclose(certificate.gap, of_twin.gap, rtol=1e-3, atol=1e-5)
+    assert on_cpu is not None
+    np.testing.assert_allclose(certificate.squared_error, on_cpu.squared_error, rtol=1e-4)  # float32
+    np.testing.assert_allclose(certificate.gap, on_cpu.gap, rtol=1e-3, atol=1e-5)
     assert report.light_bytes is not None
     assert 4 <= report.light_bytes < 8
 

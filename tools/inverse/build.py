@@ -155,8 +155,8 @@ def build_maps(
         inverse = mapped_directly(objective, options)
     else:
         mask = (objective.weights > 0).reshape(camera)
-        told = calibration.regions, objective.weights, objective.prior, pictures_of(calibration)
-        inverse = invert_near_light(transport.near, mask, *common, Conditions(*told, elsewhere, entry_bytes))
+        conditions = calibration.regions, objective.weights, objective.prior, pictures_of(calibration)
+        inverse = invert_near_light(transport.near, mask, *common, Conditions(*conditions, elsewhere, entry_bytes))
     if aims.outside == "continue" and inverse.chosen != "thesis":
         inverse = continued(inverse, projector, calibration.regions)
     correction = pack(inverse.T_pinv, projector, camera)
