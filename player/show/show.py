@@ -1,7 +1,9 @@
 """The main loop of a show: keys, remotes, session, overlay, heartbeat and status line."""
 
+import gc
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -11,7 +13,6 @@ from counterlight.show.checked_room import CheckedRoom
 from counterlight.show.commands import commands_of
 from counterlight.show.control import Remote
 from counterlight.show.keys import Keys
-from counterlight.show.memory import short_collections
 from counterlight.show.overlay import Overlay
 from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
@@ -146,3 +147,14 @@ class Show:
         said = self._keys.press(key, placing=self.session.placing is not None)
         if said:
             self.session.say(said)
+
+
+@contextmanager
+def short_collections() -> Iterator[None]:
+    """Exclude the objects that exist now from garbage collections, which then take a fraction of a frame's time."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
