@@ -109,9 +109,10 @@ def rendering(pid: int) -> list[int]:
     return [worker for worker in workers if any(called(child, "decoding.decoder") for child in descendants(worker))]
 
 
-def called(pid: int, name: str) -> bool:
+def called(pid: int, name: str, facts: str = "cmdline") -> bool:
+    """Whether a process has a name in its command line, or in another file of /proc."""
     try:
-        return name in Path(f"/proc/{pid}/cmdline").read_text()
+        return name in Path(f"/proc/{pid}/{facts}").read_text()
     except OSError:
         return False
 
@@ -150,15 +151,7 @@ def figures(report: Path) -> list[dict[str, str]]:
 
 def drawing(pid: int) -> list[int]:
     """Process ids of workers that try methods, recognised by their OpenGL library."""
-    return [child for child in descendants(pid) if called(child, "spawn_main") and maps(child, "libEGL")]
-
-
-def maps(pid: int, name: str) -> bool:
-    """Whether a process has loaded a library."""
-    try:
-        return name in Path(f"/proc/{pid}/maps").read_text()
-    except OSError:
-        return False
+    return [child for child in descendants(pid) if called(child, "spawn_main") and called(child, "libEGL", "maps")]
 
 
 def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Path) -> None:

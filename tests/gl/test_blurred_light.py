@@ -17,7 +17,9 @@ ATOL = 1e-5  # as for the other drives
 
 
 @pytest.mark.parametrize("path", [GpuPath("fragment"), GpuPath("compute"), GpuPath("auto", "auto")], ids=str)
-def test_steps_and_views_match_the_cpu(gl_context: moderngl.Context, rng: np.random.Generator, path: GpuPath) -> None:
+def test_steps_and_views_match_the_reference(
+    gl_context: moderngl.Context, rng: np.random.Generator, path: GpuPath
+) -> None:
     T = in_blocks(discs(rng, 6.0))
     made = build_maps(tier_of(calibrated(T), T), InverseOptions())
     room = Room(made.calibration, made.maps, made.maps.white, start="previous-direct")
