@@ -38,11 +38,11 @@ def names_of_workers(scheduler: str) -> list[str]:
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a scheduler."""
     folder = tmp_path_factory.mktemp("scheduler")
-    told = folder / "scheduler.json"
+    address_file = folder / "scheduler.json"
     words = script("dask"), "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
-    with running(*words, "--scheduler-file", told, folder=folder, errors=None) as process:
-        wait_until(lambda: told.exists() and '"address"' in told.read_text(), "no scheduler", process)
-        yield str(told.read_text().split('"address": "')[1].split('"')[0])
+    with running(*words, "--scheduler-file", address_file, folder=folder, errors=None) as process:
+        wait_until(lambda: address_file.exists() and '"address"' in address_file.read_text(), "no scheduler", process)
+        yield str(address_file.read_text().split('"address": "')[1].split('"')[0])
 
 
 def test_a_scheduler_without_workers_is_one_line(room: Path, scheduler: str) -> None:

@@ -160,8 +160,8 @@ def test_properties_and_commands_as_mpv_answers_them(client: Client, lamp: Lamp)
         "usage": "NUMBER",
     }
     assert client.ask("get_property", "property-list")["data"] == list(lamp.values)
-    told = client.ask("get_property", "property-info")["data"]
-    assert [(each["name"], each["writable"]) for each in told] == [(name, lamp.writable(name)) for name in lamp.values]
+    infos = client.ask("get_property", "property-info")["data"]
+    assert [(each["name"], each["writable"]) for each in infos] == [(name, lamp.writable(name)) for name in lamp.values]
 
 
 @pytest.mark.parametrize(

@@ -187,8 +187,8 @@ def test_the_same_whatever_the_number_of_cores(corner: Transport) -> None:
     for threads in (1, numba.config.NUMBA_NUM_THREADS):
         numba.set_num_threads(threads)
         made.append(factored(corner, in_the_dark(corner)))
-    (first, told), (second, again) = made
-    assert told == again
+    (first, summary), (second, again) = made
+    assert summary == again
     assert first.far is not None
     assert second.far is not None
     for one, other in (

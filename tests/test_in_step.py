@@ -167,9 +167,9 @@ def test_a_leader_that_falls_silent_ends_nothing(capsys: pytest.CaptureFixture[s
     assert pair.follower.commands.get("in-step")["in_touch"] is False
     pair.wire.cut = False
     pair.advance(1)
-    told = capsys.readouterr().err
-    assert told.count("in touch with the leader") == 2
-    assert told.count("the leader is silent; going on alone") == 1
+    errors = capsys.readouterr().err
+    assert errors.count("in touch with the leader") == 2
+    assert errors.count("the leader is silent; going on alone") == 1
 
 
 def test_stills_stay(capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,8 +41,8 @@ class SlowScreen(Screen):
             time.sleep(DECODER_S)
         return []
 
-    def render(self, view: str, **told: Any) -> None:
-        super().render(view, **told)
+    def render(self, view: str, **options: Any) -> None:
+        super().render(view, **options)
         self._clock.now += self._rendering_s
 
 

@@ -130,12 +130,12 @@ def test_what_matched_a_camera_is_kept_with_it(room: Path, tmp_path: Path) -> No
     here("join", room, room.parent / "second pair", "--cameras", "-o", tmp_path / "three")
     found = calibration.read(tmp_path / "three").calibration.gains
     np.testing.assert_allclose(found, [*gains, gains[1]], rtol=0.01)
-    told = (tmp_path / "three" / "calibration.toml").read_text()
-    assert len(re.findall(r"^gain = \[$", told, re.MULTILINE)) == 3
-    bare = re.sub(r"^gain = \[\n(.*\n)*?\]\n", "", told, flags=re.MULTILINE)
+    manifest = (tmp_path / "three" / "calibration.toml").read_text()
+    assert len(re.findall(r"^gain = \[$", manifest, re.MULTILINE)) == 3
+    bare = re.sub(r"^gain = \[\n(.*\n)*?\]\n", "", manifest, flags=re.MULTILINE)
     (tmp_path / "three" / "calibration.toml").write_text(bare)
     np.testing.assert_array_equal(calibration.read(tmp_path / "three").calibration.gains, np.ones((3, 3)))
-    wrong = re.sub(r"^gain = \[\n.*\n", "gain = [\n    0.0,\n", told, flags=re.MULTILINE)
+    wrong = re.sub(r"^gain = \[\n.*\n", "gain = [\n    0.0,\n", manifest, flags=re.MULTILINE)
     (tmp_path / "three" / "calibration.toml").write_text(wrong)
     with pytest.raises(InputError, match="expected 3 numbers from 1e-06 to 1e"):
         calibration.read(tmp_path / "three")
