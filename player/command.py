@@ -265,18 +265,18 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def parse_decibels(text: str) -> float:
     """Parse `0.1dB` or `0.1` -> 0.1."""
-    told = f"decibels are a number of at least 0, such as 0.1dB, found {text!r}"
-    return at_least_0(text.lower().removesuffix("db"), told)
+    expectation = f"decibels are a number of at least 0, such as 0.1dB, found {text!r}"
+    return at_least_0(text.lower().removesuffix("db"), expectation)
 
 
-def at_least_0(text: str, told: str) -> float:
-    """Parse a number ≥ 0. Raises ArgumentTypeError with the message `told` for other text."""
+def at_least_0(text: str, expectation: str) -> float:
+    """Parse a number ≥ 0. Raises ArgumentTypeError with the message `expectation` for other text."""
     try:
         number = float(text)
     except ValueError:
         number = -1.0
     if not 0 <= number < float("inf"):
-        raise argparse.ArgumentTypeError(told)
+        raise argparse.ArgumentTypeError(expectation)
     return number
 
 
@@ -293,11 +293,11 @@ def progress_bar(label: str, total: int | None) -> Any:
 
 def _progress(count: int, total: int | None, seconds: float) -> str:
     """Return `30 of 100, 11 s, 2.7 per second, 26 s left`."""
-    told = f"{count}{'' if total is None else f' of {total}'}, {seconds:.0f} s"
+    progress = f"{count}{'' if total is None else f' of {total}'}, {seconds:.0f} s"
     if not count or total is None:
-        return told
+        return progress
     rate = count / seconds
-    return f"{told}, {rate:.3g} per second, {max(total - count, 0) / rate:.0f} s left"
+    return f"{progress}, {rate:.3g} per second, {max(total - count, 0) / rate:.0f} s left"
 
 
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:

@@ -45,7 +45,7 @@ class Places:
             raise InputError(f"views at {self.at}: expected numbers from {-FARTHEST:g} to {FARTHEST:g}")
         for one, other in combinations(range(len(self.at)), 2):
             if np.abs(self._at[one] - self._at[other]).max() <= ROUNDING * self._extent:
-                raise InputError(f"views {one + 1} and {other + 1} are both at {_told(self.at[one])}; leave one out")
+                raise InputError(f"views {one + 1} and {other + 1} are both at {_written(self.at[one])}; leave one out")
 
     def shares(self, viewpoint: Viewpoint) -> FloatArray:
         """Return each view's share, (views,), with sum 1. A viewer outside the views is moved to the nearest place."""
@@ -60,7 +60,7 @@ class Places:
         for point in () if viewpoint == "all" else viewpoint:
             taken = self._shares_at(np.array(point)) @ self._at
             if np.abs(taken - point).max() > LEAST * self._extent:
-                return f"viewpoint {_told(point)} is outside the views; taken as {_told((taken[0], taken[1]))}"
+                return f"viewpoint {_written(point)} is outside the views; taken as {_written((taken[0], taken[1]))}"
         return None
 
     @cached_property
@@ -174,5 +174,5 @@ def read_places(folder: Path, calibration: str) -> Places:
         raise table.refusal(f", {error}") from None
 
 
-def _told(point: Sequence[float]) -> str:
+def _written(point: Sequence[float]) -> str:
     return f"{point[0]:g},{point[1]:g}"

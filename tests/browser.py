@@ -48,13 +48,13 @@ class Page:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            told = json.loads(self._socket.recv(timeout=PATIENCE_S))
-            if told.get("id") == number:
-                if told.get("error", {}).get("code") == WENT_AWAY:
-                    raise WentAwayError(told["error"]["message"])
-                assert "error" not in told, told
-                return told["result"]
-            self._note(told)
+            reply = json.loads(self._socket.recv(timeout=PATIENCE_S))
+            if reply.get("id") == number:
+                if reply.get("error", {}).get("code") == WENT_AWAY:
+                    raise WentAwayError(reply["error"]["message"])
+                assert "error" not in reply, reply
+                return reply["result"]
+            self._note(reply)
 
     def open(self, address: str) -> None:
         self.call("Page.navigate", url=address)
@@ -71,9 +71,9 @@ class Page:
 
     def ask(self, expression: str) -> Any:
         """Evaluate an expression in the page and return its value; fails if the expression throws."""
-        told = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in told, told["exceptionDetails"]
-        return told["result"].get("value")
+        reply = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in reply, reply["exceptionDetails"]
+        return reply["result"].get("value")
 
     def wait(self, expression: str) -> Any:
         """Wait until an expression is true and return its value; a page that is still loading counts as false."""
@@ -134,11 +134,11 @@ class Page:
         button = "left" if held else "none"
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=int(held), clickCount=1)
 
-    def _note(self, told: dict[str, Any]) -> None:
-        if told["method"] == "Runtime.exceptionThrown":
-            self.complaints.append(json.dumps(told["params"]["exceptionDetails"]))
-        elif told["method"] == "Log.entryAdded" and told["params"]["entry"]["level"] == "error":
-            self.complaints.append(json.dumps(told["params"]["entry"]))
+    def _note(self, reply: dict[str, Any]) -> None:
+        if reply["method"] == "Runtime.exceptionThrown":
+            self.complaints.append(json.dumps(reply["params"]["exceptionDetails"]))
+        elif reply["method"] == "Log.entryAdded" and reply["params"]["entry"]["level"] == "error":
+            self.complaints.append(json.dumps(reply["params"]["entry"]))
 
 
 @contextmanager
@@ -165,9 +165,9 @@ def browser(folder: Path) -> Iterator[Callable[[], Page]]:
 
 def _port(folder: Path, process: subprocess.Popen[bytes]) -> str:
     """Port of the DevTools protocol, which the browser writes into its folder."""
-    told, deadline = folder / "DevToolsActivePort", time.monotonic() + PATIENCE_S
-    while not (told.exists() and "\n" in told.read_text()):
+    reply, deadline = folder / "DevToolsActivePort", time.monotonic() + PATIENCE_S
+    while not (reply.exists() and "\n" in reply.read_text()):
         assert process.poll() is None, (folder / "log").read_text()
         assert time.monotonic() < deadline, (folder / "log").read_text()
         time.sleep(0.05)
-    return told.read_text().split()[0]
+    return reply.read_text().split()[0]

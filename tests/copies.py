@@ -73,9 +73,9 @@ class Copy:
         for descriptor in theirs:
             os.close(descriptor)
         self._replies = replies
-        told = replies.readline()
-        assert told, "the interpreter that has imported the product has ended: try python tests/warm_start.py 0"
-        self.pid = int(told)
+        line = replies.readline()
+        assert line, "the interpreter that has imported the product has ended: try python tests/warm_start.py 0"
+        self.pid = int(line)
         self._readers: ThreadPoolExecutor | None = None
         self._texts: list[Future[str]] = []
 

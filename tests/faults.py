@@ -174,9 +174,9 @@ def _serve() -> None:
             _run(function, request["arguments"], fault, write)
         os.close(write)
         with os.fdopen(read) as stream:
-            told = stream.read().split("\n", 2)
+            parts = stream.read().split("\n", 2)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        steps, code, words = int(told[0] or 0), told[1] if len(told) > 1 else "", told[2] if len(told) > 2 else ""
+        steps, code, words = int(parts[0] or 0), parts[1] if len(parts) > 1 else "", parts[2] if len(parts) > 2 else ""
         print(json.dumps(asdict(Run(fault.at, steps, int(code) if code else status, words))), flush=True)
 
 

@@ -42,10 +42,10 @@ class Client:
         while True:
             line = self._lines.readline()
             assert line, "closed"
-            told = dict(json.loads(line))
-            if "error" in told:
-                return told
-            self.events.append(told)
+            message = dict(json.loads(line))
+            if "error" in message:
+                return message
+            self.events.append(message)
 
     def ending(self) -> list[str]:
         """Names of the events until the player closes the connection."""

@@ -9,13 +9,13 @@ import moderngl
 import numpy as np
 
 from counterlight.gl.device import GlDevice
-from counterlight.gl.passes import integer_texture
+from counterlight.gl.passes import integer_texture, picture_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.passes.drawing import Pass
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.device import EVERYWHERE, GpuPath
+from counterlight.pipeline.device import EVERYWHERE, GpuPath, Owner, StoredMap
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Snapshot
 from tests.oracles.renderer import ReferenceRenderer
@@ -72,3 +72,16 @@ def drawn(room: Room, picture: np.ndarray, start: str, steps: int) -> tuple[Snap
     found = renderer.snapshot()
     assert found is not None
     return found, (renderer.desired() - room.ambient).reshape(-1, 3).astype(float)
+
+
+def multiply(
+    context: moderngl.Context, stored: StoredMap, picture: np.ndarray, base: np.ndarray | None = None, combine: str = ""
+) -> np.ndarray:
+    """Compute one product, and release its memory and the memory of `stored`."""
+    owner = Owner()
+    product = owner.own(stored.product(combine))
+    inputs = [owner.own(picture_texture(context, each)) for each in (picture, base) if each is not None]
+    result = read(product.run(*inputs)).copy()
+    owner.release()
+    stored.release()
+    return result

@@ -18,10 +18,11 @@ from counterlight.pipeline.device import PathReport
 from counterlight.pipeline.placement import Corners
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
+from counterlight.show.beginning import Playing, Showing, Sound
 from counterlight.show.governor import Governor
 from counterlight.show.playlist import Playlist, is_list, read_list
 from counterlight.show.registry import Commands
-from counterlight.show.session import Playing, Session, Showing, Sound
+from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.viewpoints import Viewpoint
 

@@ -125,8 +125,8 @@ def test_far_light_of_few_numbers_is_left_in_its_blocks(rng: np.random.Generator
     camera, projector, grid = (36, 52), (42, 60), blocks.BlockGrid((42, 60), 16)
     few = blocks.BlockLight(grid, np.arange(5), np.arange(5), rng.random((5, 3)))
     whole = blocks.as_transport([few], camera[0] * camera[1])
-    transport, told = smoothed(replace(whole, camera=camera, projector=projector))
-    assert told.startswith("far light: left in")
+    transport, summary = smoothed(replace(whole, camera=camera, projector=projector))
+    assert summary.startswith("far light: left in")
     assert transport.far is not None
     np.testing.assert_array_equal(transport.far.scatter.weights, whole.far.scatter.weights)
 
@@ -138,8 +138,8 @@ def test_far_light_between_nodes_gives_the_same_pictures(rng: np.random.Generato
     pixel, block = np.nonzero(np.ones(light.shape, bool))
     part = blocks.BlockLight(grid, pixel, block, np.repeat(light.reshape(-1, 1), 3, axis=1))
     whole = blocks.as_transport([part], row.size)
-    transport, told = smoothed(replace(whole, camera=camera, projector=projector))
-    assert "became" in told, told
+    transport, summary = smoothed(replace(whole, camera=camera, projector=projector))
+    assert "became" in summary, summary
     np.testing.assert_allclose(transport.composition(), whole.composition(), rtol=1e-6)  # float32
     drive = np.repeat(rng.random((whole.shape[1], 1)), 3, axis=1)
     lost = transport.apply(drive) - whole.apply(drive)

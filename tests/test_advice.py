@@ -63,7 +63,7 @@ def test_bright_black_is_of_the_room_or_bounced(straight: tuple[np.ndarray, np.n
     assert lamp.remedy == "darken the room"
 
 
-def test_areas_of_one_cause_are_told_together_and_the_largest_is_named(
+def test_areas_of_one_cause_are_reported_together_and_the_largest_is_named(
     straight: tuple[np.ndarray, np.ndarray],
 ) -> None:
     (advice,) = found(*straight, conflict=[LEFT, RIGHT])
@@ -71,7 +71,7 @@ def test_areas_of_one_cause_are_told_together_and_the_largest_is_named(
     assert str(advice).startswith("x 20 to 27, y 10 to 18 and 1 more: 17.8 % of the view")
 
 
-def test_detail_that_arrives_without_contrast_is_told_where_all_else_can_be_shown(
+def test_detail_that_arrives_without_contrast_is_reported_where_all_else_can_be_shown(
     straight: tuple[np.ndarray, np.ndarray],
 ) -> None:
     assert found(*straight) == []

@@ -83,7 +83,7 @@ def test_a_room_of_matrices_is_what_scipy_says(room: cl.Room, matrices: list[spa
         ((), r"shape \(\), expected"),
     ],
 )
-def test_light_of_another_shape_is_told(room: cl.Room, shape: tuple[int, ...], complaint: str) -> None:
+def test_light_of_another_shape_is_reported(room: cl.Room, shape: tuple[int, ...], complaint: str) -> None:
     for T in (room.transport, room.transport.T.T):
         with pytest.raises(InputError, match=complaint):
             T @ np.ones(shape)
@@ -163,7 +163,7 @@ def test_maps_from_memory_are_those_of_the_command(room: cl.Room, tmp_path: Path
         ({"name": "x" * 1001}, "a name of 1001 characters"),
     ],
 )
-def test_matrices_that_do_not_fit_are_told(
+def test_matrices_that_do_not_fit_are_reported(
     matrices: list[sparse.csr_array], change: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint):
@@ -171,7 +171,7 @@ def test_matrices_that_do_not_fit_are_told(
 
 
 @pytest.mark.parametrize("swapped", ["camera", "projector"])
-def test_swapped_sizes_are_told_by_a_warning(swapped: str) -> None:
+def test_swapped_sizes_are_reported_by_a_warning(swapped: str) -> None:
     T = smooth(np.random.default_rng(3), (18, 24), (15, 20))
     given = {"camera": (18, 24), "projector": (15, 20), "response": "srgb"}
     cl.Room.from_matrices(T, T, T, **given)  # warnings are failures
@@ -204,7 +204,7 @@ def test_a_response_that_nobody_gave_is_srgb_with_a_warning(matrices: list[spars
         ({"nonsense": 1}, "nonsense"),
     ],
 )
-def test_another_kind_of_argument_is_told(
+def test_another_kind_of_argument_is_reported(
     matrices: list[sparse.csr_array], change: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(TypeError, match=complaint):
@@ -223,7 +223,7 @@ def test_another_kind_of_argument_is_told(
         [[1], [1, 2]],
     ],
 )
-def test_what_is_no_matrix_is_told(matrices: list[sparse.csr_array], matrix: object) -> None:
+def test_what_is_no_matrix_is_reported(matrices: list[sparse.csr_array], matrix: object) -> None:
     with pytest.raises((InputError, TypeError), match=r"T of the green channel: .*(expected|no array)"):
         cl.Room.from_matrices(matrices[0], matrix, matrices[2], **GIVEN)
 
@@ -355,7 +355,7 @@ def test_floats_stay_linear(room: cl.Room) -> None:
         )
 
 
-def test_floats_that_look_like_codes_are_told_by_a_warning(room: cl.Room) -> None:
+def test_floats_that_look_like_codes_are_reported_by_a_warning(room: cl.Room) -> None:
     with pytest.warns(UserWarning, match="its median is .* times white; .* pass code values as uint8") as caught:
         cl.solve(room, CODES.astype(float), "direct")
     assert caught[0].filename == __file__
@@ -380,7 +380,7 @@ def test_floats_that_look_like_codes_are_told_by_a_warning(room: cl.Room) -> Non
         ([[1.0], [1.0, 2.0]], "list is no array of numbers"),
     ],
 )
-def test_what_is_no_picture_is_told_everywhere(room: cl.Room, picture: object, complaint: str) -> None:
+def test_what_is_no_picture_is_reported_everywhere(room: cl.Room, picture: object, complaint: str) -> None:
     maps = cl.build_maps(room, inverse="none", refine=False)
     with pytest.raises((InputError, TypeError), match=complaint):
         cl.solve(room, picture)
@@ -564,7 +564,7 @@ def test_the_namespace_is_the_api() -> None:
     assert not hasattr(cl, "Any")
 
 
-def test_wrong_pictures_and_names_are_told(room: cl.Room) -> None:
+def test_wrong_pictures_and_names_are_reported(room: cl.Room) -> None:
     with pytest.raises(InputError, match=r"shape \(9, 14, 3\), expected \(12, 16, 3\)"):
         cl.solve(room, np.ones((9, 14, 3)))
     with pytest.raises(InputError, match="did you mean 'nnls'"):

@@ -195,7 +195,7 @@ def test_a_dead_sound_decoder_leaves_pictures_to_the_system_clock(clip: Path) ->
     show.close()
 
 
-def test_why_there_is_no_sound_is_told_once(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_why_there_is_no_sound_is_reported_once(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sounddevice", None)
     assert open_audio(100, mute=False) == (None, MISSING)
     readers = Reader("a", count=3), Reader("b", count=3), Reader("c", count=3)

@@ -173,8 +173,8 @@ def test_the_time_left_is_foretold_from_the_first_minute_on(
     computing = computing_s(truth.shape[0])  # takes no time by the camera's clock
     whole_s = camera.now_s + computing
     assert whole_s <= 600 - CHECKS_S
-    told = [(at, seconds_left(line)) for at, line in said.lines if "left" in line or "acquisition" in line]
-    assert all(at + left == pytest.approx(whole_s, rel=0.25) for at, left in told if at >= 60)
+    estimates = [(at, seconds_left(line)) for at, line in said.lines if "left" in line or "acquisition" in line]
+    assert all(at + left == pytest.approx(whole_s, rel=0.25) for at, left in estimates if at >= 60)
     most, about = (
         re.search(r"(up to about|about) (\d+) exposures of \d+ pictures, ", line) for _, line in said.lines[:2]
     )

@@ -144,11 +144,11 @@ def test_the_maps_say_how_they_are_played_and_options_prevail(tmp_path: Path) ->
 
 
 def test_a_camera_that_is_coarser_than_the_projector_is_named(tmp_path: Path) -> None:
-    for name, camera, told in (("coarse", (15, 20), True), ("fine", (30, 40), False)):
+    for name, camera, warned in (("coarse", (15, 20), True), ("fine", (30, 40), False)):
         write_blurred_room(tmp_path / name, np.random.default_rng(5), camera, (24, 32))
         outcome = command("build", tmp_path / name)
         assert outcome.returncode == DONE
-        assert ("300 camera pixels see 768 projector pixels" in outcome.stderr) == told
+        assert ("300 camera pixels see 768 projector pixels" in outcome.stderr) == warned
 
 
 @pytest.mark.parametrize("play", [{"start": "moon", "steps": 4}, {"start": "map", "steps": -1}, {"start": "map"}, 3])

@@ -297,7 +297,7 @@ def _inside(points: np.ndarray, scene: Scene) -> np.ndarray:
         (("HDMI-1", None), True, True),
     ],
 )
-def test_the_same_projector_is_told_by_its_monitor_or_the_cameras_sizes(
+def test_the_same_projector_is_recognised_by_its_monitor_or_the_cameras_sizes(
     tmp_path: Path, flat: list[RoomSeen], names: tuple[str | None, str | None], cameras_differ: bool, same: bool
 ) -> None:
     folders = []

@@ -38,11 +38,11 @@ def names_of_workers(scheduler: str) -> list[str]:
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a scheduler."""
     folder = tmp_path_factory.mktemp("scheduler")
-    told = folder / "scheduler.json"
+    address_file = folder / "scheduler.json"
     words = script("dask"), "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
-    with running(*words, "--scheduler-file", told, folder=folder, errors=None) as process:
-        wait_until(lambda: told.exists() and '"address"' in told.read_text(), "no scheduler", process)
-        yield str(told.read_text().split('"address": "')[1].split('"')[0])
+    with running(*words, "--scheduler-file", address_file, folder=folder, errors=None) as process:
+        wait_until(lambda: address_file.exists() and '"address"' in address_file.read_text(), "no scheduler", process)
+        yield str(address_file.read_text().split('"address": "')[1].split('"')[0])
 
 
 def test_a_scheduler_without_workers_is_one_line(room: Path, scheduler: str) -> None:
@@ -109,9 +109,10 @@ def rendering(pid: int) -> list[int]:
     return [worker for worker in workers if any(called(child, "decoding.decoder") for child in descendants(worker))]
 
 
-def called(pid: int, name: str) -> bool:
+def called(pid: int, name: str, facts: str = "cmdline") -> bool:
+    """Whether a process has a name in its command line, or in another file of /proc."""
     try:
-        return name in Path(f"/proc/{pid}/cmdline").read_text()
+        return name in Path(f"/proc/{pid}/{facts}").read_text()
     except OSError:
         return False
 
@@ -150,15 +151,7 @@ def figures(report: Path) -> list[dict[str, str]]:
 
 def drawing(pid: int) -> list[int]:
     """Process ids of workers that try methods, recognised by their OpenGL library."""
-    return [child for child in descendants(pid) if called(child, "spawn_main") and maps(child, "libEGL")]
-
-
-def maps(pid: int, name: str) -> bool:
-    """Whether a process has loaded a library."""
-    try:
-        return name in Path(f"/proc/{pid}/maps").read_text()
-    except OSError:
-        return False
+    return [child for child in descendants(pid) if called(child, "spawn_main") and called(child, "libEGL", "maps")]
 
 
 def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_crf_is_obeyed(tmp_path: Path, rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "coding", "told"),
+    ("name", "coding", "message"),
     [
         ("a.png", Coding(crf=3), "--crf: .*a.png is no video"),
         ("a.mp4", Coding("nothing"), "--codec nothing: FFmpeg has no such encoder"),
@@ -72,8 +72,8 @@ def test_crf_is_obeyed(tmp_path: Path, rng: np.random.Generator) -> None:
         ("a.mkv", Coding(crf=3), "--crf 3: ffv1 has no loss"),
     ],
 )
-def test_codings_that_are_not_offered_are_refused(tmp_path: Path, name: str, coding: Coding, told: str) -> None:
-    with pytest.raises(InputError, match=told), open_output(tmp_path / name, 25, coding=coding):
+def test_codings_that_are_not_offered_are_refused(tmp_path: Path, name: str, coding: Coding, message: str) -> None:
+    with pytest.raises(InputError, match=message), open_output(tmp_path / name, 25, coding=coding):
         pass
     assert not list(tmp_path.iterdir())
 

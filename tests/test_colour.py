@@ -162,7 +162,7 @@ def test_floodlights_that_make_no_sense_make_no_nan(rng: np.random.Generator, ki
     room = coloured_room(rng, paint=0.1)
     calibration = damaged(room, kind)
     if kind in ("nothing", "one primary") and colour in ("global", "pixel"):
-        with pytest.raises(InputError, match="floodlights of the primaries cannot be told apart"):
+        with pytest.raises(InputError, match="floodlights of the primaries cannot be distinguished"):
             tier_of(calibration, room.transport, colour)
         return
     tier = tier_of(calibration, room.transport, colour)
@@ -261,7 +261,7 @@ def test_a_mixing_that_cannot_be_undone_is_refused(tmp_path: Path, rng: np.rando
         cl.read_maps(tmp_path / "room")
 
 
-def test_matrices_without_an_inverse_are_told_apart() -> None:
+def test_matrices_without_an_inverse_are_distinguished() -> None:
     cases = np.stack([np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan), np.diag([1, 1, 1e-4]), np.ones((3, 3))])
     assert invertible(cases).tolist() == [True, False, False, False, False]
     assert Mixing().tier == "independent"

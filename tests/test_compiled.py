@@ -72,11 +72,11 @@ def assert_same(room: Room, frame: Frame, adjustments: Adjustments = NEUTRAL, *,
         {"primaries": "p3"},
     ],
 )
-def test_every_view_of_every_format_is_the_twins(rng: np.random.Generator, changes: dict[str, object]) -> None:
+def test_every_view_of_every_format_matches_the_formula(rng: np.random.Generator, changes: dict[str, object]) -> None:
     assert_same(random_room(rng, far=True), yuv_frame(rng, (9, 15), **changes))
 
 
-def test_pictures_in_rgb_and_radiance_are_the_twins(rng: np.random.Generator) -> None:
+def test_pictures_in_rgb_and_radiance_match_the_formula(rng: np.random.Generator) -> None:
     room = random_room(rng, far=False)
     assert_same(room, rgb_frame(rng.integers(0, 256, (40, 61, 3), np.uint8)))
     assert_same(room, radiance_frame(rng.uniform(size=(*CAMERA, 3))))
@@ -93,12 +93,12 @@ def test_pictures_in_rgb_and_radiance_are_the_twins(rng: np.random.Generator) ->
         Adjustments(card="grid"),
     ],
 )
-def test_adjusted_pictures_are_the_twins(rng: np.random.Generator, adjustments: Adjustments) -> None:
+def test_adjusted_pictures_match_the_formula(rng: np.random.Generator, adjustments: Adjustments) -> None:
     assert_same(physical_room(rng).room, yuv_frame(rng, (90, 150)), adjustments)
 
 
 @pytest.mark.parametrize("transfer", ["pq", "hlg"])
-def test_adjusted_hdr_is_the_twins(rng: np.random.Generator, transfer: str) -> None:
+def test_adjusted_hdr_matches_the_formula(rng: np.random.Generator, transfer: str) -> None:
     frame = yuv_frame(rng, (90, 150), transfer=transfer, primaries="bt2020", depth=10)
     controls = Adjustments(brightness=5, saturation=30, gamma=-10, hdr_peak=4000, target_peak=100)
     for adjustments in (controls, Adjustments(tone_mapping="clip")):
@@ -106,7 +106,7 @@ def test_adjusted_hdr_is_the_twins(rng: np.random.Generator, transfer: str) -> N
 
 
 @pytest.mark.parametrize("domain", [UNIT, ((-0.1, 0.0, 0.1), (1.1, 0.9, 1.0))])
-def test_a_table_is_the_twins(rng: np.random.Generator, domain: Any, tmp_path: Path) -> None:
+def test_a_table_matches_the_formula(rng: np.random.Generator, domain: Any, tmp_path: Path) -> None:
     cube = read_cube(write_cube(tmp_path / "look.cube", rng, 9, domain))
     frame = yuv_frame(rng, (9, 15), transfer="pq", primaries="bt2020", depth=10)
     for lut_type in ("native", "conversion"):
@@ -115,7 +115,7 @@ def test_a_table_is_the_twins(rng: np.random.Generator, domain: Any, tmp_path: P
 
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("drawn", [False, True])
-def test_refined_film_is_the_twins(rng: np.random.Generator, start: str, drawn: bool) -> None:
+def test_refined_film_matches_the_formula(rng: np.random.Generator, start: str, drawn: bool) -> None:
     """Several frames, because refinement carries state; with and without a prior."""
     room = physical_room(rng, start=start).room
     assert room.maps.refinement is not None
@@ -141,7 +141,7 @@ def test_refined_film_is_the_twins(rng: np.random.Generator, start: str, drawn: 
 
 @pytest.mark.parametrize("strips", [None, UNLIKE, SEGMENTED, ((6, MIXED), (7, "srgb"))])
 @pytest.mark.parametrize("dither", DITHERS)
-def test_dithers_are_the_twins(
+def test_dithers_match_the_formula(
     rng: np.random.Generator, dither: str, strips: tuple[tuple[int, object], ...] | None
 ) -> None:
     room = random_room(rng, far=False, dither=dither)
@@ -156,7 +156,7 @@ def test_dithers_are_the_twins(
 
 
 @pytest.mark.parametrize("dither", DITHERS)
-def test_projectors_in_two_rows_are_encoded_as_the_twin_does(rng: np.random.Generator, dither: str) -> None:
+def test_projectors_in_two_rows_are_encoded_as_by_the_formula(rng: np.random.Generator, dither: str) -> None:
     drive = rng.uniform(0, 1, (10, 13, 3)).astype(np.float32)
     ours, meant = (
         device.encoder((10, 13), in_two_rows(), 1.0, dither).run(drive, 5)
@@ -165,7 +165,7 @@ def test_projectors_in_two_rows_are_encoded_as_the_twin_does(rng: np.random.Gene
     assert np.mean(ours != meant) < 0.01  # rounding, as above
 
 
-def test_a_moved_picture_is_the_twins(rng: np.random.Generator) -> None:
+def test_a_moved_picture_matches_the_formula(rng: np.random.Generator) -> None:
     room = random_room(rng, far=False)
     assert_same(replace(room, drift=Drift((Moved(TURN, np.array([0.9, 0.95, 1.0])),))), yuv_frame(rng, (9, 15)))
 
@@ -173,7 +173,7 @@ def test_a_moved_picture_is_the_twins(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(
     ("count", "length", "origin", "extent"), [(300, 20, 0, 20), (20, 300, 0, 300), (40, 64, 7, 50), (1, 9, 2, 3)]
 )
-def test_bands_are_the_twin_s_filters(
+def test_bands_are_the_formulas_filters(
     rng: np.random.Generator, count: int, length: int, origin: int, extent: int
 ) -> None:
     picture = rng.uniform(size=(count, 1))
@@ -183,7 +183,7 @@ def test_bands_are_the_twin_s_filters(
     np.testing.assert_allclose(banded, resample_axis(picture, 0, length, origin, extent)[:, 0], atol=1e-6)
 
 
-def test_a_tent_of_many_samples_leaves_out_what_the_twin_does(rng: np.random.Generator) -> None:
+def test_a_tent_of_many_samples_leaves_out_what_the_formula_does(rng: np.random.Generator) -> None:
     """The picture is pinned into a target a hundred times smaller."""
     source, H = rng.uniform(size=(700, 900, 3)), np.array([[100.0, 3, 0], [2, 90, 1], [1e-3, 2e-3, 1]])
     drawn = [

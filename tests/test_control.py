@@ -160,8 +160,8 @@ def test_properties_and_commands_as_mpv_answers_them(client: Client, lamp: Lamp)
         "usage": "NUMBER",
     }
     assert client.ask("get_property", "property-list")["data"] == list(lamp.values)
-    told = client.ask("get_property", "property-info")["data"]
-    assert [(each["name"], each["writable"]) for each in told] == [(name, lamp.writable(name)) for name in lamp.values]
+    infos = client.ask("get_property", "property-info")["data"]
+    assert [(each["name"], each["writable"]) for each in infos] == [(name, lamp.writable(name)) for name in lamp.values]
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_what_is_wrong_is_answered_and_the_next_line_works(
     assert capsys.readouterr().err.count("\n") == (b"break" in line)  # faults of the product are also printed here
 
 
-def test_observed_properties_are_told_at_once_and_when_they_change(client: Client, lamp: Lamp) -> None:
+def test_observed_properties_are_reported_at_once_and_when_they_change(client: Client, lamp: Lamp) -> None:
     assert client.ask("observe_property", 5, "gap")["error"] == "success"
     assert client.line() == {"event": "property-change", "id": 5, "name": "gap", "data": 0.25}
     assert client.ask("observe_property_string", 6, "gap")["error"] == "success"
@@ -214,7 +214,7 @@ def test_observed_properties_are_told_at_once_and_when_they_change(client: Clien
     assert client.silent()
 
 
-def test_the_next_file_is_told_unless_it_is_not_wanted(connect: Callable[[], Client], lamp: Lamp) -> None:
+def test_the_next_file_is_reported_unless_it_is_not_wanted(connect: Callable[[], Client], lamp: Lamp) -> None:
     hears, deaf = connect(), connect()
     assert deaf.ask("disable_event", "start-file")["error"] == "success"
     assert hears.silent()

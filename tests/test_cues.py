@@ -15,9 +15,9 @@ PATIENCE_S = 20.0  # never reached in a passing test
 CUE = Cue(3, 12.5, 99.0, 1.5, False, True)
 
 
-def wait_for(heard: Callable[[], Heard | None], told: Callable[[Heard], bool] = lambda heard: True) -> Heard:
+def wait_for(heard: Callable[[], Heard | None], wanted: Callable[[Heard], bool] = lambda heard: True) -> Heard:
     until_s = time.monotonic() + PATIENCE_S
-    while (found := heard()) is None or not told(found):
+    while (found := heard()) is None or not wanted(found):
         assert time.monotonic() < until_s, found
         time.sleep(0.01)
     return found
@@ -168,7 +168,7 @@ def test_what_is_no_address(text: str) -> None:
         read_address(text)
 
 
-def test_a_port_that_is_taken_is_told_in_a_line() -> None:
+def test_a_port_that_is_taken_is_reported_in_a_line() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]

@@ -58,7 +58,7 @@ def bridge(number: int, folder: Path, *words: object) -> Iterator[tuple[socket.s
             yield heard, port
 
 
-def told(heard: socket.socket) -> tuple[str, float]:
+def received(heard: socket.socket) -> tuple[str, float]:
     message = OscMessage(heard.recv(1000))
     return message.address.removeprefix("/counterlight/share/"), message.params[0]
 
@@ -68,7 +68,7 @@ def test_a_midi_desk_commands_the_show(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "desk")
     with bridge(0, tmp_path, tmp_path / "desk") as (heard, _), (tmp_path / "desk").open("wb", buffering=0) as desk:
         desk.write(bytes([0xB0, 1, 127, 2, 0xF8, 0, 0x90, 1, 100, 0xC0, 5, 0xB3, 99, 3, 64, 127]))
-        assert [told(heard) for _ in range(3)] == [("brightness", 1.0), ("contrast", 0.0), ("blackout", 1.0)]
+        assert [received(heard) for _ in range(3)] == [("brightness", 1.0), ("contrast", 0.0), ("blackout", 1.0)]
 
 
 def test_a_lighting_desk_commands_the_show(tmp_path: Path) -> None:
@@ -88,13 +88,13 @@ def test_a_lighting_desk_commands_the_show(tmp_path: Path) -> None:
                 desk.send(dmx(0, 255, 0))
             time.sleep(0.05)
             with suppress(BlockingIOError):
-                first = told(heard)
+                first = received(heard)
                 break
         heard.settimeout(PATIENCE_S)
-        assert [first, told(heard)] == [("brightness", 1.0), ("contrast", 0.0)]
+        assert [first, received(heard)] == [("brightness", 1.0), ("contrast", 0.0)]
         for packet in (dmx(1, 7, 7), b"Art-Poll", b"", dmx(0, 255, 51)):
             desk.send(packet)
-        assert told(heard) == ("contrast", pytest.approx(0.2))
+        assert received(heard) == ("contrast", pytest.approx(0.2))
 
 
 def test_every_page_is_in_the_index() -> None:

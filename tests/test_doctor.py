@@ -94,7 +94,7 @@ def test_the_player_names_packages_of_the_doctor() -> None:
     assert set(PACKAGES.split()) <= {part.package for part in system_packages.PLAY}
 
 
-def test_a_plain_user_is_told_what_to_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plain_user_reads_what_to_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     parts = (Part("there", lambda: True, ""), Part("libabsent1", lambda: False, ""))
     monkeypatch.setitem(system_packages.SETS, "play", parts)
     monkeypatch.setattr(os, "geteuid", lambda: 1000)

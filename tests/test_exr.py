@@ -217,7 +217,7 @@ def test_a_picture_larger_than_memory_is_refused(tmp_path: Path, monkeypatch: py
         exr.read_rgb(tmp_path / "p.exr")
 
 
-def test_damaged_pixels_are_told_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_damaged_pixels_are_reported_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """The library's own messages appear neither in Python's output nor in the process's."""
     ramp = np.linspace(0, 1, 3 * 99 * 99, dtype=np.float32).reshape(99, 99, 3)
     exr.write_rgb(tmp_path / "p.exr", ramp)

@@ -75,8 +75,8 @@ def test_every_kind_of_fault_of_a_reader_is_caught(tmp_path: Path, capsys: pytes
         verdict: expected.count(verdict) for verdict in set(expected)
     }
     assert [finding["index"] for finding in tally.findings] == [2, 3, 4, 5, 6, 7]
-    told = json.loads((tmp_path / "evidence" / "faulty-7-4" / "finding.json").read_text())
-    assert told["again"] == "python -m tests.fuzz faulty --seed 7 --only 4"
+    finding = json.loads((tmp_path / "evidence" / "faulty-7-4" / "finding.json").read_text())
+    assert finding["again"] == "python -m tests.fuzz faulty --seed 7 --only 4"
     kept = (tmp_path / "evidence" / "faulty-7-4" / "input").read_bytes()
     assert kept == Plan(SEED, 1, tmp_path, tmp_path).rng("faulty", 4).bytes(4)
     assert tally.line().split()[:3] == ["faulty", "9", "tried"]

@@ -88,7 +88,7 @@ def test_other_work_that_comes_and_goes_costs_few_frames_their_steps() -> None:
     assert machine.steps[-1] >= 7
 
 
-def test_a_budget_that_cannot_be_met_is_told_once_with_the_longest_stage() -> None:
+def test_a_budget_that_cannot_be_met_is_reported_once_with_the_longest_stage() -> None:
     governor = Governor(8, budget=16)
     governor.begin(FRAME_S)
     machine = Machine(governor, 0.012, 0.003, previous=0.015)
@@ -170,7 +170,7 @@ def test_a_promise_is_kept_with_few_steps(within: float, interval_s: float | Non
     assert not machine.said
 
 
-def test_a_promise_that_time_does_not_leave_is_told_once() -> None:
+def test_a_promise_that_time_does_not_leave_is_reported_once() -> None:
     governor = Governor(4, budget=16, within=0.1)
     governor.begin(FRAME_S)
     machine = Machine(governor, 0.004, 0.001)
@@ -181,7 +181,7 @@ def test_a_promise_that_time_does_not_leave_is_told_once() -> None:
     assert "as many again would bring 0.14" in line
 
 
-def test_a_promise_that_no_number_of_steps_keeps_is_told_once() -> None:
+def test_a_promise_that_no_number_of_steps_keeps_is_reported_once() -> None:
     governor = Governor(4, within=0.1)
     governor.begin(None)
     machine = Machine(governor, 0.0, 1e-4)

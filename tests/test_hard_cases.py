@@ -93,7 +93,7 @@ def test_damped_parallel_columns_match_exact_arithmetic(condition: float, fracti
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("method", ["qr", "svd"])
-def test_nearly_parallel_columns_are_told_apart_or_share_the_light(condition: float, method: str) -> None:
+def test_nearly_parallel_columns_are_distinguished_or_share_the_light(condition: float, method: str) -> None:
     """Below the cut-off of float32, both columns count as one; above it, p = (0.3, 0.6) is found."""
     case = hard.parallel_columns(2 / condition)
     expected = [0.3, 0.6] if 1 / condition > 4 * FLOAT32_EPS else [0.45, 0.45]

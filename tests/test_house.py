@@ -113,7 +113,7 @@ def test_no_file_imports_itself_through_others() -> None:
     """Imports for the type checker and in functions also count."""
     files = {module_of(path): imported(path) for path in sources("player", "tools")}
     arrows = {
-        name: {told if told in files else told.rpartition(".")[0] for told in names} & files.keys() - {name}
+        name: {target if target in files else target.rpartition(".")[0] for target in names} & files.keys() - {name}
         for name, names in files.items()
     }
     try:

@@ -109,7 +109,7 @@ def test_a_leader_s_seek_pause_step_and_speed_are_followed() -> None:
     assert abs(pair.apart_s) < 0.01
 
 
-def test_what_a_follower_is_told_otherwise_is_put_right() -> None:
+def test_what_a_follower_is_ordered_otherwise_is_put_right() -> None:
     pair = Pair()
     pair.advance(1)
     pair.follower.commands.run("seek", 30, "absolute")
@@ -148,7 +148,7 @@ def test_the_list_is_followed_item_by_item() -> None:
     assert abs(pair.apart_s) < 0.005
 
 
-def test_a_list_that_ends_before_is_told_once_in_a_while(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_list_that_ends_before_is_reported_once_in_a_while(capsys: pytest.CaptureFixture[str]) -> None:
     pair = Pair()
     pair.wire.tell = lambda cue: None  # type: ignore[method-assign,assignment]
     pair.wire._cues = [Cue(5, 0.0, 100.0, 1.0, False, True)] * 20
@@ -167,9 +167,9 @@ def test_a_leader_that_falls_silent_ends_nothing(capsys: pytest.CaptureFixture[s
     assert pair.follower.commands.get("in-step")["in_touch"] is False
     pair.wire.cut = False
     pair.advance(1)
-    told = capsys.readouterr().err
-    assert told.count("in touch with the leader") == 2
-    assert told.count("the leader is silent; going on alone") == 1
+    errors = capsys.readouterr().err
+    assert errors.count("in touch with the leader") == 2
+    assert errors.count("the leader is silent; going on alone") == 1
 
 
 def test_stills_stay(capsys: pytest.CaptureFixture[str]) -> None:
@@ -246,5 +246,5 @@ def test_the_nearest_time_is_meant(words: str, now: int, day: int, hour: int) ->
         ("--follow", "left:99999", "expected HOST[:PORT], found 'left:99999'"),
     ],
 )
-def test_wrong_options_are_told_in_a_line(option: str, value: str, message: str) -> None:
+def test_wrong_options_are_reported_in_a_line(option: str, value: str, message: str) -> None:
     assert message in fail("play", "room", "clip.mkv", option, value)

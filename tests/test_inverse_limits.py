@@ -182,15 +182,15 @@ def test_an_interrupt_leaves_the_previous_map(tmp_path: Path, built: Path) -> No
     slow = [room, "--inverse", "whole", "--regularize", "0.001", "--max-error", "0"]
     program = subprocess.Popen([*verb(BUILD), *slow], stdout=subprocess.PIPE, stderr=theirs)
     os.close(theirs)
-    told = b""
-    while b"inverting" not in told:
-        told += os.read(terminal, 1024)
+    printed = b""
+    while b"inverting" not in printed:
+        printed += os.read(terminal, 1024)
     program.send_signal(signal.SIGINT)
     output = program.communicate(timeout=300)[0]
-    while b"interrupted" not in told:
-        told += os.read(terminal, 1024)
+    while b"interrupted" not in printed:
+        printed += os.read(terminal, 1024)
     os.close(terminal)
     assert (program.returncode, output) == (130, b"")
-    assert b"Traceback" not in told
+    assert b"Traceback" not in printed
     assert describe_files(room) == before
     assert not list(room.glob(".correction*"))  # no stage remains

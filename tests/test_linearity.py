@@ -36,7 +36,7 @@ def rig_of(room: str, electrons: float = 20000.0, black: float = 0.01) -> Rig:
 
 @pytest.mark.parametrize("room", ["wall", "corner", "glass", "defocus"])
 @pytest.mark.parametrize("electrons", [20000.0, 2000.0])
-def test_curves_are_told_from_noise_and_from_few_bits(room: str, electrons: float) -> None:
+def test_curves_are_distinguished_from_noise_and_from_few_bits(room: str, electrons: float) -> None:
     rig = rig_of(room, electrons)
     for stored in LINEAR:
         bend = measured(rig, stored)
@@ -58,7 +58,7 @@ def test_a_curve_that_is_given_is_none() -> None:
         wrong = measured(rig, Stored(quality=92), Exposures(response=response))
         assert wrong is not None
         assert not wrong.is_linear
-        assert "--camera-response is not the camera's curve" in wrong.told(response)
+        assert "--camera-response is not the camera's curve" in wrong.described(response)
 
 
 def mixing_room(rng: np.random.Generator) -> tuple[Reference, NDArray[np.float64], NDArray[np.float64]]:

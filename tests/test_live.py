@@ -271,7 +271,7 @@ def test_frames_of_another_format_are_drawn_as_such() -> None:
 
 
 @pytest.mark.parametrize("name", ["lavfi:no_such_filter", "rtsp://127.0.0.1:9/stream", "v4l2:/dev/video99"])
-def test_what_cannot_be_opened_is_told_in_one_line(name: str) -> None:
+def test_what_cannot_be_opened_is_reported_in_one_line(name: str) -> None:
     with pytest.raises(InputError, match="check the address") as raised:
         MediaReader.open(name)
     assert str(raised.value).startswith(f"{name}: FFmpeg cannot open it (")

@@ -62,7 +62,7 @@ def look_at(eye: MachineVisionEye, path: Path, sites: np.ndarray) -> None:
     set_to(eye, Width=str(width), Height=str(height), ExposureTimeAbs=str(round(1e6 * SHUTTER_S)), **files)
 
 
-def told(eye: MachineVisionEye, name: str) -> str:
+def setting(eye: MachineVisionEye, name: str) -> str:
     return str(eye._camera.GetNodeMap().GetNode(name).ToString())
 
 
@@ -81,13 +81,13 @@ def test_a_camera_is_found_by_serial_or_number() -> None:
 
 def test_what_it_does_by_itself_is_off(eye: MachineVisionEye) -> None:
     for name in ("ExposureAuto", "GainAuto"):
-        assert told(eye, name) == "Off"
-    assert told(eye, "AcquisitionFrameRateEnable") == "0"
-    assert float(told(eye, "Gamma")) == 1
-    assert float(told(eye, "Gain")) == float(told(eye, "BlackLevel")) == 0
-    assert (told(eye, "TriggerSelector"), told(eye, "TriggerMode")) == ("FrameStart", "On")
-    assert told(eye, "TriggerSource") == "Software"
-    assert told(eye, "PixelFormat") in {f"Bayer{first}12" for first in machine_vision.MOSAICS}
+        assert setting(eye, name) == "Off"
+    assert setting(eye, "AcquisitionFrameRateEnable") == "0"
+    assert float(setting(eye, "Gamma")) == 1
+    assert float(setting(eye, "Gain")) == float(setting(eye, "BlackLevel")) == 0
+    assert (setting(eye, "TriggerSelector"), setting(eye, "TriggerMode")) == ("FrameStart", "On")
+    assert setting(eye, "TriggerSource") == "Software"
+    assert setting(eye, "PixelFormat") in {f"Bayer{first}12" for first in machine_vision.MOSAICS}
 
 
 def test_a_setting_that_it_keeps_is_refused(eye: MachineVisionEye, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,7 +105,7 @@ def test_a_setting_that_it_keeps_is_refused(eye: MachineVisionEye, monkeypatch: 
 
 def test_exposures_are_seconds(eye: MachineVisionEye) -> None:
     eye.expose(1 / 60)
-    assert float(told(eye, "ExposureTime")) == pytest.approx(1e6 / 60, abs=1)  # microseconds
+    assert float(setting(eye, "ExposureTime")) == pytest.approx(1e6 / 60, abs=1)  # microseconds
     with pytest.raises(InputError, match=r"no exposure of 100 s, its range is 1e-06 to 10 s"):
         eye.expose(100)
 

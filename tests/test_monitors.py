@@ -22,9 +22,9 @@ def seen_on(display: str) -> dict[str, Any]:
     with running(
         sys.executable, "-W", "error", "-m", "counterlight.gl.probe", "screen", folder=ROOT, **on(display)
     ) as child:
-        told, errors = child.communicate(timeout=PATIENCE_S)
+        output, errors = child.communicate(timeout=PATIENCE_S)
     assert (child.returncode, errors) == (0, "")
-    answer: dict[str, Any] = json.loads(told)
+    answer: dict[str, Any] = json.loads(output)
     return answer
 
 

@@ -133,7 +133,7 @@ def test_random_pictures_tell_the_shape_of_spots(rng: np.random.Generator) -> No
     assert errors[2] < 0.1 * errors[0]  # 111 equations for 49 unknowns, 16-bit noise
 
 
-def test_even_far_light_is_told_from_wide_spots(rng: np.random.Generator) -> None:
+def test_even_far_light_is_distinguished_from_wide_spots(rng: np.random.Generator) -> None:
     near = wall(rng)
     truth = with_far_light(near, 0.3)
     drive = np.zeros((PROJECTOR[0] * PROJECTOR[1], 3))

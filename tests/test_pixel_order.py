@@ -47,7 +47,7 @@ def test_units_and_lights_that_are_none_do_not_matter() -> None:
     assert misreading(rows(Csr(T.shape)), CAMERA[::-1], PROJECTOR) is None
 
 
-def test_square_pictures_cannot_be_told_from_their_transposes() -> None:
+def test_square_pictures_cannot_be_distinguished_from_their_transposes() -> None:
     T = smooth(np.random.default_rng(4), (20, 20), PROJECTOR)
     across = np.arange(400).reshape(20, 20).T.ravel()
     assert misreading(rows(Csr(T[across])), (20, 20), PROJECTOR) is None

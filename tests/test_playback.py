@@ -13,10 +13,11 @@ import pytest
 from counterlight.media.medium import Border, Medium
 from counterlight.media.video import MediaReader
 from counterlight.show import playback as playbacks
+from counterlight.show.beginning import Playing
 from counterlight.show.media import Media
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import Playlist
-from counterlight.show.session import Playing, Session
+from counterlight.show.session import Session
 from counterlight.show.show import Show
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Screen
@@ -40,8 +41,8 @@ class SlowScreen(Screen):
             time.sleep(DECODER_S)
         return []
 
-    def render(self, view: str, **told: Any) -> None:
-        super().render(view, **told)
+    def render(self, view: str, **options: Any) -> None:
+        super().render(view, **options)
         self._clock.now += self._rendering_s
 
 

@@ -165,7 +165,7 @@ def test_a_file_is_rendered_on_the_processor_where_no_gpu_runs_opengl(
         ("AMD Radeon RX 6800 (radeonsi, navi21, LLVM 15.0.7)", False),
     ],
 )
-def test_software_is_told_by_the_renderers_name(name: str, software: bool) -> None:
+def test_software_is_recognised_by_the_renderers_name(name: str, software: bool) -> None:
     assert in_software(name) == software
 
 

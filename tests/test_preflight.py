@@ -152,7 +152,7 @@ def test_each_fault_has_its_advice(room: SimulatedRoom, fault: dict[str, Any], c
     assert "\n" not in str(finding)
 
 
-def test_a_drifting_white_balance_is_told_from_a_drifting_exposure(room: SimulatedRoom) -> None:
+def test_a_drifting_white_balance_is_distinguished_from_a_drifting_exposure(room: SimulatedRoom) -> None:
     for factor, advice in ((np.array([1, 1, 0.99]), "white balance"), (np.full(3, 0.99), "exposure and gain")):
         drifting = Faulty(room, seen=lambda shot, since, factor=factor: shot * factor ** min(since, 20))
         assert advice in findings(drifting)["locked"].sentence

@@ -39,16 +39,16 @@ def previews_of(cost_s: float, reader: Reader) -> tuple[Previews, Stage, Costly]
 
 def test_a_picture_is_made_once_and_again_when_another_one_is_shown() -> None:
     previews, stage, costly = previews_of(0.001, Reader(still=True))
-    told = previews.take("screen", -1)
-    assert told is not None
-    assert json.loads(json.dumps(told)) == told
-    shown = cv2.imdecode(np.frombuffer(base64.b64decode(str(told["jpeg"])), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    preview = previews.take("screen", -1)
+    assert preview is not None
+    assert json.loads(json.dumps(preview)) == preview
+    shown = cv2.imdecode(np.frombuffer(base64.b64decode(str(preview["jpeg"])), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     np.testing.assert_allclose(shown, PICTURE, atol=8)  # JPEG of quality 75, of a smooth picture
     costly.now_s += 1
-    assert previews.take("screen", told["serial"]) is None  # type: ignore[arg-type]
+    assert previews.take("screen", preview["serial"]) is None  # type: ignore[arg-type]
     stage.commands.set("contrast", 5)
     stage.show.step()
-    assert previews.take("screen", told["serial"])["serial"] != told["serial"]  # type: ignore[arg-type, index]
+    assert previews.take("screen", preview["serial"])["serial"] != preview["serial"]  # type: ignore[arg-type, index]
     assert previews.take("camera", -1) is None  # the renderer has no such picture
 
 

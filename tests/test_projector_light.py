@@ -160,7 +160,7 @@ def test_a_white_segment_is_measured_and_taken_out(rng: np.random.Generator, mix
     assert np.abs(shown - drive).max() < 0.02
 
 
-def test_light_that_does_not_add_up_is_told_with_what_to_switch_off(rng: np.random.Generator) -> None:
+def test_light_that_does_not_add_up_is_reported_with_what_to_switch_off(rng: np.random.Generator) -> None:
     done = acquired(rng, dimmed)
     assert done.light is not None
     assert not done.light.adds_up
@@ -177,7 +177,7 @@ def uneven(codes: FloatArray) -> FloatArray:
     return np.asarray(codes ** (across[:, None] if len(codes) == across.size else 2.2))
 
 
-def test_colours_that_are_predicted_worse_than_black_and_white_are_told(rng: np.random.Generator) -> None:
+def test_colours_that_are_predicted_worse_than_black_and_white_are_reported(rng: np.random.Generator) -> None:
     done = acquired(rng, uneven)
     report = report_on(done)
     assert not report.suspect

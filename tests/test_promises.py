@@ -20,7 +20,7 @@ from tests.rooms import write_blurred_room
 from tests.stage import Reader, Stage
 
 
-def test_a_promise_is_kept_by_the_estimates_and_told_on_the_page() -> None:
+def test_a_promise_is_kept_by_the_estimates_and_shown_on_the_page() -> None:
     stage = Stage(Reader(count=10_000), usual=2)
     stage.below = lambda steps: 4 / (1 + steps) ** 2
     stage.advance(0.2)
@@ -40,7 +40,7 @@ def test_a_promise_is_kept_by_the_estimates_and_told_on_the_page() -> None:
         stage.commands.set("within", 0)
 
 
-def test_a_remote_that_asks_where_a_picture_stands_is_told_when_it_is_known() -> None:
+def test_a_remote_that_asks_where_a_picture_stands_learns_when_it_is_known() -> None:
     stage = Stage(Reader(count=10_000), usual=3)
     stage.advance(0.1)
     assert stage.commands.get("below-optimum") is None

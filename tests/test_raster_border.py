@@ -83,8 +83,8 @@ def test_shares_are_of_the_side_that_has_moved_outwards(
     share = looked(calibrated, flood).share([np.ones(3)])
     assert share is not None
     from_raster = unbounded[:, columns()].sum(axis=1)
-    told = share.ravel() < 1
-    np.testing.assert_allclose(share.ravel()[told], np.maximum(from_raster / flood, 0.05)[told], rtol=1e-5)  # float32
+    dim = share.ravel() < 1
+    np.testing.assert_allclose(share.ravel()[dim], np.maximum(from_raster / flood, 0.05)[dim], rtol=1e-5)  # float32
     assert (share[6:-9, -3] < 0.9).all()  # pixels next to the raster
     assert (share[:-9, : -CAMERA[1] // 3] == 1).all()
 

@@ -155,7 +155,7 @@ def test_what_libraw_only_complains_of_is_damage(
 
 
 def test_random_damage_is_refused_or_read_but_never_crashes(mosaic: np.ndarray, rng: np.random.Generator) -> None:
-    content, told = dng(mosaic, exposure_s=0.5), list[str]()
+    content, complaints = dng(mosaic, exposure_s=0.5), list[str]()
     header = len(content) - mosaic.nbytes
     for _ in range(300):
         damaged = bytearray(content)
@@ -164,9 +164,9 @@ def test_random_damage_is_refused_or_read_but_never_crashes(mosaic: np.ndarray, 
         try:
             assert decode_raw(bytes(damaged), "shot.dng").dtype == np.uint16
         except InputError as error:
-            told.append(str(error))
-    assert len(told) > 10
-    assert not any("\n" in line for line in told)
+            complaints.append(str(error))
+    assert len(complaints) > 10
+    assert not any("\n" in line for line in complaints)
 
 
 def test_without_its_package_raw_says_what_to_install(
@@ -262,7 +262,7 @@ def test_an_acquisition_of_raw_captures(
     assert np.corrcoef(truth.ravel(), found.ravel())[0, 1] > 0.99  # noise is below 1 %
 
 
-def test_a_camera_that_exposes_otherwise_is_told(tmp_path: Path) -> None:
+def test_a_camera_that_exposes_otherwise_is_reported(tmp_path: Path) -> None:
     camera = FolderCamera(tmp_path, Exposures((0.1, 0.4)))
     camera._make_folders()
     picture, light = np.ones(PROJECTOR, np.bool_), np.full((16, 16, 3), 9000.0)

@@ -70,12 +70,12 @@ def test_a_port_that_is_taken_and_a_host_that_is_elsewhere_are_said() -> None:
         Address("no.such.invalid", 9000).listen("--remote")
 
 
-def test_all_addresses_are_told_as_one_that_others_can_use() -> None:
+def test_all_addresses_are_reported_as_one_that_others_can_use() -> None:
     with Address("0.0.0.0", 0).listen("--remote") as everywhere:
         assert not is_loopback(everywhere)
-        told = reachable(everywhere)
-        assert told.port == everywhere.getsockname()[1]
-        assert told.host not in ("0.0.0.0", "::", "")
+        address = reachable(everywhere)
+        assert address.port == everywhere.getsockname()[1]
+        assert address.host not in ("0.0.0.0", "::", "")
 
 
 @pytest.mark.parametrize(

@@ -170,9 +170,9 @@ MASTERED = ":hdr10=1:master-display=G(8500,39850)B(6550,2300)R(35400,14600)WP(15
 def test_how_bright_it_gets_is_what_an_hevc_clip_says(more: str, peak: float, tmp_path: Path) -> None:
     path = hevc(tmp_path / "clip.hevc.mkv", 500, 16, more)
     with MediaReader.open(path) as reader:
-        told, notices = reader.info.format, reader.notices()
-    assert (told.transfer, told.primaries, told.matrix, told.depth) == ("pq", "bt2020", "bt2020", 10)
-    assert told.peak_nits == peak
+        pixels, notices = reader.info.format, reader.notices()
+    assert (pixels.transfer, pixels.primaries, pixels.matrix, pixels.depth) == ("pq", "bt2020", "bt2020", 10)
+    assert pixels.peak_nits == peak
     assert [("1000 cd/m²" in line, "--hdr-peak" in line) for line in notices] == ([] if peak else [(True, True)])
 
 

@@ -278,8 +278,8 @@ def test_events_have_the_times_at_which_they_happened(monkeypatch: pytest.Monkey
         monkeypatch.setattr("time.time", lambda at=at: at)
         stage.session.notice("the decoder stumbled")
     monkeypatch.setattr("time.time", lambda: 5000.0)
-    told = [{"time": at, "text": "the decoder stumbled"} for at in (1000.0, 1060.5)]
-    assert stage.commands.get("events") == told
+    events = [{"time": at, "text": "the decoder stumbled"} for at in (1000.0, 1060.5)]
+    assert stage.commands.get("events") == events
 
 
 def test_steps_are_those_of_the_picture_on_the_screen() -> None:

@@ -194,7 +194,7 @@ def test_the_mouse_pulls_a_corner_or_the_whole_picture(stage: Stage) -> None:
 
 
 def test_what_goes_wrong_is_written_only_where_somebody_works_on_the_show() -> None:
-    for fullscreen, options, told in (
+    for fullscreen, options, visible in (
         (False, {}, True),
         (True, {}, False),
         (False, {"unattended": True}, False),
@@ -208,7 +208,7 @@ def test_what_goes_wrong_is_written_only_where_somebody_works_on_the_show() -> N
         stage.advance(2.0)
         stage.session.notice("the decoder stumbled")
         stage.advance(0.1)
-        assert (stage.screen.pages[-1] is not None) is told
+        assert (stage.screen.pages[-1] is not None) is visible
         assert stage.session.stats.to_dict()["notices"] == ["the decoder stumbled"]
 
 
@@ -272,7 +272,7 @@ def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(sta
 
 def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> None:
     class Broken(Screen):
-        def render(self, view: str, **told: Any) -> None:
+        def render(self, view: str, **options: Any) -> None:
             raise KeyError("scale")
 
     stage.advance(0.2)
@@ -286,7 +286,9 @@ def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> No
     assert stage.session.stats.notices == ["not reloaded: KeyError('scale')"]
 
 
-def test_what_reader_and_display_have_to_say_is_told_at_once(stage: Stage, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_reader_and_display_have_to_say_is_reported_at_once(
+    stage: Stage, capsys: pytest.CaptureFixture[str]
+) -> None:
     stage.show.step()
     stage.reader.news, stage.screen.news = ["decoder stopped; restarted"], ["monitor A has gone"]
     stage.advance(0.05)
@@ -350,7 +352,7 @@ def test_the_certificate_is_measured_now_and_then_and_only_to_be_shown(stage: St
     assert stage.commands.get("psnr") == 40
 
 
-def test_remotes_are_polled_and_the_heartbeat_told_when_it_is_due() -> None:
+def test_remotes_are_polled_and_the_heartbeat_informed_when_it_is_due() -> None:
     polls: list[Commands] = []
     beats: list[Mapping[str, object]] = []
 

@@ -217,9 +217,9 @@ def test_pictures_flicker_and_t_does_not(tmp_path: Path) -> None:
 def test_acquire_notices_a_projector_that_flickers(tmp_path: Path) -> None:
     """Acquisition warns unless exposures take whole periods. The first measurement detects the flicker."""
     light, room = "flicker = { depth = 0.1, hz = 100 }", tmp_path / "room"
-    for seconds, status, told in ((0.004, 2, r"error: (flicker|exposure): "), (0.01, 0, r"flicker     good ")):
+    for seconds, status, pattern in ((0.004, 2, r"error: (flicker|exposure): "), (0.01, 0, r"flicker     good ")):
         sensor = f"sensor = {{ exposure_s = {seconds}, bits = 14 }}"
         path = scene_file(tmp_path, plane(extra=WHITE), projector=light, camera=sensor)
         done = command("acquire", "--camera", f"simulated:{path}", "--shots", "1", "-o", room)
         assert done.returncode == status, done.stderr
-        assert re.search(told, done.stderr + done.stdout), done.stderr
+        assert re.search(pattern, done.stderr + done.stdout), done.stderr

@@ -60,11 +60,11 @@ def test_bytes_that_are_no_tiff_stay(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [("http://x/a.mp4", "http addresses are not played; download"), ("file:///a.mp4", "give its path")],
 )
-def test_addresses_that_are_not_played_are_no_missing_files(name: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_addresses_that_are_not_played_are_no_missing_files(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         Medium(name).check()
 
 

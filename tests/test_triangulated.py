@@ -78,10 +78,10 @@ def test_between_camera_pixels_it_is_scipys_linear_interpolation(rng: np.random.
     seen, middle = places(T.near, PROJECTOR[1])
     light = T.composition()
     y, x = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]].reshape(2, -1)
-    told, floodlit = (LinearNDInterpolator(middle, each[seen])(x, y) for each in (asked, light))
-    inner = np.isfinite(told).all(axis=1) & (x > 2) & (y > 2) & (x < PROJECTOR[1] - 2) & (y < PROJECTOR[0] - 2)
+    interpolated, floodlit = (LinearNDInterpolator(middle, each[seen])(x, y) for each in (asked, light))
+    inner = np.isfinite(interpolated).all(axis=1) & (x > 2) & (y > 2) & (x < PROJECTOR[1] - 2) & (y < PROJECTOR[0] - 2)
     assert inner.sum() > 150
-    np.testing.assert_allclose(found[inner], (told / floodlit)[inner], rtol=1e-9)  # float64 on both sides
+    np.testing.assert_allclose(found[inner], (interpolated / floodlit)[inner], rtol=1e-9)  # float64 on both sides
 
 
 def test_a_smooth_picture_is_met_better_than_by_whole_pixels() -> None:

@@ -156,7 +156,7 @@ CHANGES: dict[str, tuple[dict[str, Any], str, bool]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_what_has_changed_is_told_apart(
+def test_what_has_changed_is_distinguished(
     wall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str
 ) -> None:
     how, said, undone = CHANGES[change]

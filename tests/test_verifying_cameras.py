@@ -72,7 +72,7 @@ CHANGES: dict[str, tuple[dict[str, Any], str, bool]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_who_has_changed_is_told_apart(room: Path, tmp_path: Path, capsys: Capture, change: str) -> None:
+def test_who_has_changed_is_distinguished(room: Path, tmp_path: Path, capsys: Capture, change: str) -> None:
     how, said, holds = CHANGES[change]
     write_changed(tmp_path / "now", calibration.read(room), **how)
     code = verify(room, "--camera", f"simulated:{tmp_path / 'now'}")
@@ -130,12 +130,12 @@ def test_what_matched_a_camera_is_kept_with_it(room: Path, tmp_path: Path) -> No
     here("join", room, room.parent / "second pair", "--cameras", "-o", tmp_path / "three")
     found = calibration.read(tmp_path / "three").calibration.gains
     np.testing.assert_allclose(found, [*gains, gains[1]], rtol=0.01)
-    told = (tmp_path / "three" / "calibration.toml").read_text()
-    assert len(re.findall(r"^gain = \[$", told, re.MULTILINE)) == 3
-    bare = re.sub(r"^gain = \[\n(.*\n)*?\]\n", "", told, flags=re.MULTILINE)
+    manifest = (tmp_path / "three" / "calibration.toml").read_text()
+    assert len(re.findall(r"^gain = \[$", manifest, re.MULTILINE)) == 3
+    bare = re.sub(r"^gain = \[\n(.*\n)*?\]\n", "", manifest, flags=re.MULTILINE)
     (tmp_path / "three" / "calibration.toml").write_text(bare)
     np.testing.assert_array_equal(calibration.read(tmp_path / "three").calibration.gains, np.ones((3, 3)))
-    wrong = re.sub(r"^gain = \[\n.*\n", "gain = [\n    0.0,\n", told, flags=re.MULTILINE)
+    wrong = re.sub(r"^gain = \[\n.*\n", "gain = [\n    0.0,\n", manifest, flags=re.MULTILINE)
     (tmp_path / "three" / "calibration.toml").write_text(wrong)
     with pytest.raises(InputError, match="expected 3 numbers from 1e-06 to 1e"):
         calibration.read(tmp_path / "three")
@@ -167,7 +167,7 @@ def test_a_change_is_the_one_of_fewest(projectors: list[float], cameras: list[fl
     np.testing.assert_allclose(found, np.repeat(np.array(cameras)[:, None], 3, axis=1), rtol=1e-6)
 
 
-def test_cameras_that_share_no_projector_are_not_told_apart() -> None:
+def test_cameras_that_share_no_projector_are_not_distinguished() -> None:
     gains = np.full((2, 2, 3), np.nan)
     gains[0, 0], gains[1, 1] = 0.9, 1.0
     np.testing.assert_array_equal(changed_exposures(gains), 1.0)

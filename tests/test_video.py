@@ -95,8 +95,8 @@ def test_pq_that_names_no_peak_brings_a_notice(tmp_path: Path) -> None:
     path = write_video(tmp_path / "clip.mkv", [numbered(0)] * 2, tags={"color_trc": 16})
     with MediaReader.open(path) as reader:
         (notice,) = reader.notices()
-        told = reader.info.format
-        assert (told.transfer, told.matrix, told.primaries) == ("pq", "bt2020", "bt2020")
+        pixels = reader.info.format
+        assert (pixels.transfer, pixels.matrix, pixels.primaries) == ("pq", "bt2020", "bt2020")
         assert reader.notices() == []
     assert "PQ" in notice
     assert "--hdr-peak" in notice

@@ -261,7 +261,7 @@ def test_what_is_no_place_is_refused(said: object) -> None:
         stage.commands.set("viewpoint", said)
 
 
-def test_who_leaves_the_views_is_told_of_once() -> None:
+def test_who_leaves_the_views_is_reported_once() -> None:
     stage = Stage()
     stage.outside = lambda viewpoint: "beyond" if viewpoint != "all" and viewpoint[0][0] > 1 else None
     stage.advance(0.05)

@@ -84,11 +84,11 @@ def is_shader(path: Path) -> bool:
 
 def test_the_wheel_holds_one_package_with_every_module_scene_and_clip(unpacked_wheel: Path) -> None:
     found = {path.relative_to(unpacked_wheel).as_posix() for path in unpacked_wheel.rglob("*") if path.is_file()}
-    told = {name for name in found if not name.startswith("counterlight-")}  # the rest belongs to pip
+    ours = {name for name in found if not name.startswith("counterlight-")}  # the rest belongs to pip
     names = {"player": "", "tools": "tools/", "shaders": "shaders/", "calib_data": "calib_data/"}
     listing = subprocess.run(["git", "ls-files", *names], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     paths = [name.partition("/") for name in listing.splitlines() if (ROOT / name).exists()]
-    assert told == {f"counterlight/{names[folder]}{path}" for folder, _, path in paths}
+    assert ours == {f"counterlight/{names[folder]}{path}" for folder, _, path in paths}
 
 
 def test_the_main_job_from_a_wheel_in_a_foreign_folder(installed: Path, tmp_path: Path) -> None:

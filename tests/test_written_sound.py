@@ -65,8 +65,8 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def play(room: Path, film: Path, output: Path, *words: object) -> str:
     """Play without compensation; return the printed text."""
-    told = *("--no-compensation", "--backend", "cpu", "--refine", "0"), "--output", output, *words
-    done = command("play", room, film, *told)
+    options = *("--no-compensation", "--backend", "cpu", "--refine", "0"), "--output", output, *words
+    done = command("play", room, film, *options)
     assert done.returncode == 0, done.stderr
     return done.stderr
 
@@ -84,9 +84,9 @@ def test_packets_are_the_sources_at_the_pictures_times(
     room: Path, tmp_path: Path, codec: str, source: str, output: str, words: tuple[str, ...]
 ) -> None:
     film = write_film(tmp_path / source, codec)
-    told = dict(zip(words[::2], words[1::2], strict=True))
-    start = float(told.get("--start", 0))
-    length = min(float(told.get("--frames", FRAMES)), FRAMES - start * RATE) / RATE
+    options = dict(zip(words[::2], words[1::2], strict=True))
+    start = float(options.get("--start", 0))
+    length = min(float(options.get("--frames", FRAMES)), FRAMES - start * RATE) / RATE
     play(room, film, tmp_path / output, *words)
     every, found = sound(film), sound(tmp_path / output)
     margin = 2 * TIME_TOLERANCE_S

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from counterlight.app import play_in_window
 from counterlight.show.command_line import read_options
 from counterlight.show.from_options import adjustments_of, room_of
+from counterlight.show.in_window import play_in_window
 from counterlight.show.registry import CommandError, Commands
 
 LOOPS_BETWEEN = 4

@@ -77,9 +77,9 @@ class Visitor:
     def answer(self, number: int) -> dict[str, Any]:
         """Return the answer to the request of that number; 0 for an answer without a number."""
         while True:
-            told = self.hear()
-            if told.get("request_id") == number:
-                return told
+            heard = self.hear()
+            if heard.get("request_id") == number:
+                return heard
 
     def get(self, name: str) -> Any:
         answer = self.ask("get_property", name)
@@ -91,12 +91,12 @@ class Visitor:
 
     def hear(self) -> dict[str, Any]:
         """Receive the next message, and store events and values."""
-        told = dict(json.loads(self._socket.recv(timeout=PATIENCE_S)))
-        if told.get("event") == "properties":
-            self.values |= told["values"]
-        elif "event" in told:
-            self.events.append(told)
-        return told
+        heard = dict(json.loads(self._socket.recv(timeout=PATIENCE_S)))
+        if heard.get("event") == "properties":
+            self.values |= heard["values"]
+        elif "event" in heard:
+            self.events.append(heard)
+        return heard
 
     def hear_until(self, condition: Callable[[], bool]) -> None:
         while not condition():
@@ -133,8 +133,8 @@ def printed_address(text: str) -> re.Match[str] | None:
 
 def child(pid: int, module: str) -> int:
     """Return the descendant of a process that runs a module."""
-    told = {each: Path(f"/proc/{each}/cmdline").read_bytes().split(b"\0") for each in descendants(pid)}
-    (found,) = (each for each, words in told.items() if module.encode() in words)
+    heard = {each: Path(f"/proc/{each}/cmdline").read_bytes().split(b"\0") for each in descendants(pid)}
+    (found,) = (each for each, words in heard.items() if module.encode() in words)
     return found
 
 

@@ -153,8 +153,8 @@ def picture(values: ArrayLike, shape: Shape, name: str = "picture", *, of_white:
         return _shaped(_linear(array), shape, name)
     light = _shaped(array.astype(np.float64), shape, name)
     if of_white and (median := float(np.median(light))) > TOO_BRIGHT:
-        told = f"{name}: its median is {median:g} times white; floats are linear light, 1 being white"
-        warnings.warn(f"{told}; pass code values as uint8 or uint16", stacklevel=4)
+        finding = f"{name}: its median is {median:g} times white; floats are linear light, 1 being white"
+        warnings.warn(f"{finding}; pass code values as uint8 or uint16", stacklevel=4)
     return light
 
 

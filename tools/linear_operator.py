@@ -52,8 +52,8 @@ class _PictureOperator(LinearOperator):
             return super().dot(light)
         if light.shape != self.source:
             swapped = light.shape == (self.source[1], self.source[0], *self.source[2:])
-            told = "width and height are swapped" if swapped else f"or a flattened picture ({self.shape[1]},)"
-            raise InputError(f"light of shape {light.shape}, expected {self.source}; {told}")
+            likely = "width and height are swapped" if swapped else f"or a flattened picture ({self.shape[1]},)"
+            raise InputError(f"light of shape {light.shape}, expected {self.source}; {likely}")
         return self.matvec(light.ravel()).reshape(self.target)
 
     @overload  # type: ignore[override]

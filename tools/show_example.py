@@ -88,7 +88,7 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
 
 def play(room: Path, folder: Path) -> None:
     """Play the clip in a window, or without a screen render a view that is half uncompensated and half compensated."""
-    told = [str(room), str(CLIP), "--backend", "gl"]
+    arguments = [str(room), str(CLIP), "--backend", "gl"]
     try:
         from counterlight.gl.monitors import list_monitors
 
@@ -96,10 +96,10 @@ def play(room: Path, folder: Path) -> None:
     except InputError as error:
         print(error)
         rendered = "--output", str(folder / "split.mp4"), "--view", "split", "--frames", str(FILM_FRAMES)
-        _or_stop(app.main([*told, *rendered]))
+        _or_stop(app.main([*arguments, *rendered]))
         return
     print("keys: c compensation, v view, i statistics, space pause, q quit")
-    _or_stop(app.main([*told, "--loop"]))
+    _or_stop(app.main([*arguments, "--loop"]))
 
 
 def frame_ms(room: Room, backend: str) -> float:

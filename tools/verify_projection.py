@@ -137,8 +137,8 @@ def _photographing(
     if not isinstance(camera, FolderCamera):
         yield Photographer(camera, room)
         return
-    told = stored.fingerprint, options.picture, options.rounds, options.repeats, options.solver, options.colour
-    first = camera.begin(hashlib.sha256(repr(told).encode()).hexdigest())
+    setting = stored.fingerprint, options.picture, options.rounds, options.repeats, options.solver, options.colour
+    first = camera.begin(hashlib.sha256(repr(setting).encode()).hexdigest())
     yield Photographer(camera, room, first)
     camera.end(first)
 

@@ -105,10 +105,10 @@ class DescribedFiles:
         if not isinstance(expected, dict):
             raise InputError(f"{self.folder}: its table of files does not list {name}; {self.fix}")
         with opened(path, self.fix) as file:
-            size, told = os.fstat(file.fileno()).st_size, expected.get("bytes")
-            if size != told or size > MAX_BYTES:
+            size, stated = os.fstat(file.fileno()).st_size, expected.get("bytes")
+            if size != stated or size > MAX_BYTES:
                 raise InputError(
-                    f"{path}: {size} bytes, expected {shown(told)}: the file is damaged or was replaced; {self.fix}"
+                    f"{path}: {size} bytes, expected {shown(stated)}: the file is damaged or was replaced; {self.fix}"
                 )
             if hashlib.file_digest(file, "sha256").hexdigest() != expected.get("sha256"):
                 raise InputError(

@@ -74,7 +74,7 @@ class Filling:
         if _on_x11() and now - self._awake_at > AWAKE_S:
             self._awake_at = now
             x11.stay_awake(_on_server(self._handle)[0])
-        return self._told(None if self._is_placed() else self._out_of_place())
+        return self._if_new(None if self._is_placed() else self._out_of_place())
 
     def end(self, box: Box) -> None:
         """Turn the window into a plain one at a box of the desktop, decorated by the window manager."""
@@ -94,7 +94,7 @@ class Filling:
             "end what moves windows there, or choose an X11 session at the login"
         )
 
-    def _told(self, complaint: str | None) -> str | None:
+    def _if_new(self, complaint: str | None) -> str | None:
         fresh = None if complaint == self._complaint else complaint
         self._complaint = complaint
         return fresh

@@ -151,9 +151,9 @@ class Cluster:
             "for the same result"
         )
 
-    def _ask(self, question: Callable[..., Any], *told: Any) -> dict[str, Any]:
+    def _ask(self, question: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
         """Return the answer of each worker, None for a worker that fails."""
-        answers = self._client.run(question, *told, on_error="return")
+        answers = self._client.run(question, *arguments, on_error="return")
         return {worker: None if isinstance(found, BaseException) else found for worker, found in answers.items()}
 
 
@@ -182,9 +182,9 @@ def _local_cluster(count: int) -> Any:
     if not count:
         raise InputError("--cluster local:0: expected at least one worker, such as local:2")
     threads = dict.fromkeys(THREADS, str(max((os.cpu_count() or 1) // count, 1)))
-    told = {"dashboard_address": None, "silence_logs": 50, "memory_limit": 0}
+    settings = {"dashboard_address": None, "silence_logs": 50, "memory_limit": 0}
     try:
-        return distributed.LocalCluster(n_workers=count, threads_per_worker=1, env=threads, **told)
+        return distributed.LocalCluster(n_workers=count, threads_per_worker=1, env=threads, **settings)
     except RuntimeError as error:
         raise InputError(
             f"--cluster local:{count}: a worker could not start ({one_line(error)}); free memory, or use fewer"

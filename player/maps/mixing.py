@@ -204,7 +204,7 @@ def read(manifest: Table, files: DescribedFiles, camera: tuple[int, int]) -> Mix
     table = manifest.table("colour")
     tier, neutral = table.choice("tier", TIERS[1:]), table.rows("neutral", 3, 3, -LARGEST_INVERSE, LARGEST_INVERSE)
     if np.abs(neutral.sum(axis=1) - 1).max() > ROUNDING or not invertible(neutral).all():
-        raise table.wrong("neutral", "the mixing of a neutral surface: rows of sum 1 that can be told apart")
+        raise table.wrong("neutral", "the mixing of a neutral surface: rows of sum 1 that can be distinguished")
     if tier != "pixel":
         return Mixing(neutral)
     pixel = np.stack([exr.read_described(files, name, camera, "the camera") for name in FILES], axis=2)

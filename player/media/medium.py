@@ -103,8 +103,8 @@ class Medium:
         if not 0 < size <= MAX_NAME or "\0" in self.name:
             raise InputError(f"{self.name[:80]!r}: no file has such a name; check it")
         if web := re.match(r"(https?|ftp|file)://", self.name):
-            told = "give its path" if web[1] == "file" else "download it, and play the file"
-            raise InputError(f"{self.name}: {web[1]} addresses are not played; {told}")
+            remedy = "give its path" if web[1] == "file" else "download it, and play the file"
+            raise InputError(f"{self.name}: {web[1]} addresses are not played; {remedy}")
         if self.roots is not None and live_address(self.name):
             raise InputError(f"{self.name}: {_who_may(self.name)}")
 

@@ -141,10 +141,10 @@ def read_room(
     return Room(calibration, room_maps, level, dither, start or start_of(room_maps, folder), drift)
 
 
-def _read_set(folder: Path, white: float | None, *told: Any, refinement: bool, words: bool) -> Room:
+def _read_set(folder: Path, white: float | None, *options: Any, refinement: bool, words: bool) -> Room:
     places = read_places(folder, calibrations.TOML)
     views = folders_of(folder, len(places.at))
-    rooms = [read_room(view, white, *told, refinement=refinement, words=words) for view in views]
+    rooms = [read_room(view, white, *options, refinement=refinement, words=words) for view in views]
     check_views([each.calibration for each in rooms], f"{folder}")
     level = min(each.white for each in rooms)
     if all(each.maps.refinement is not None for each in rooms):

@@ -10,7 +10,7 @@ from counterlight.passes.drawing import Picture
 from counterlight.pipeline.device import Device, Owner
 from counterlight.pipeline.refinement import GREY
 
-Asked = TypeVar("Asked")  # what a drive is made from: the targets of views
+Targets = TypeVar("Targets")  # what a drive is made from: the targets of views
 
 
 class Iterate(NamedTuple, Generic[Picture]):
@@ -26,16 +26,16 @@ def standing(drive: Picture) -> Iterate[Picture]:
     return Iterate(drive, drive, 0)
 
 
-class MapStart(Generic[Asked, Picture]):
+class MapStart(Generic[Targets, Picture]):
     """Starts from clamp(T⁺ b), the thesis' method, or from direct mapping. correct : b -> p within 0..1."""
 
-    def __init__(self, correct: Callable[[Asked], Picture]) -> None:
+    def __init__(self, correct: Callable[[Targets], Picture]) -> None:
         self._correct = correct
 
     def advance(self, *, cut: bool) -> None:
         """Does nothing: no state is carried over."""
 
-    def run(self, b: Asked) -> Iterate[Picture]:
+    def run(self, b: Targets) -> Iterate[Picture]:
         return standing(self._correct(b))
 
     def keep(self, last: Iterate[Picture]) -> None:
@@ -45,14 +45,14 @@ class MapStart(Generic[Asked, Picture]):
         """Does nothing: no resources are held."""
 
 
-class PreviousStart(Generic[Asked, Picture]):
+class PreviousStart(Generic[Targets, Picture]):
     """Starts from p = clamp(T⁺ b + k), y = p + v. k is the change by refinement in the previous frame: its last p minus
     its T⁺ b. v is that frame's final momentum, y minus p. Both are 0 after a cut.
 
     correct : b -> T⁺ b, or direct mapping, not clamped.
     """
 
-    def __init__(self, device: Device[Picture], shape: tuple[int, int], correct: Callable[[Asked], Picture]) -> None:
+    def __init__(self, device: Device[Picture], shape: tuple[int, int], correct: Callable[[Targets], Picture]) -> None:
         self._correct, self._owner = correct, Owner()
         own = self._owner.own
         self._start, self._ahead = (own(device.canvas(shape)) for _ in range(2))
@@ -65,7 +65,7 @@ class PreviousStart(Generic[Asked, Picture]):
         if cut or not self._before.steps:
             self._before.clear()
 
-    def run(self, b: Asked) -> Iterate[Picture]:
+    def run(self, b: Targets) -> Iterate[Picture]:
         """Return the start; it is the same however often a frame is drawn."""
         self._map = self._correct(b)
         p = self._start.draw(Combine(self._map, self._before.change.picture, clamp=True))
@@ -111,4 +111,4 @@ class GreyStart(MapStart[Any, Picture]):
         self._owner.release()
 
 
-Start: TypeAlias = MapStart[Asked, Picture] | PreviousStart[Asked, Picture]
+Start: TypeAlias = MapStart[Targets, Picture] | PreviousStart[Targets, Picture]

@@ -18,13 +18,13 @@ from counterlight.remote.link import Link
 GOODBYE_S = 0.25  # time to deliver the show's last messages
 
 
-async def serve(told: dict[str, Any]) -> None:
+async def serve(services: dict[str, Any]) -> None:
     """Serve the remotes until the show closes the connection.
 
-    told : the JSON object of standard input.
+    services : the JSON object of standard input.
     """
-    link = Link(_inherited(told["link"]))
-    talking, serving = asyncio.create_task(link.run()), asyncio.create_task(_serve_others(link, told))
+    link = Link(_inherited(services["link"]))
+    talking, serving = asyncio.create_task(link.run()), asyncio.create_task(_serve_others(link, services))
     await asyncio.wait([talking, serving], return_when=asyncio.FIRST_COMPLETED)
     if talking.done():
         await asyncio.sleep(GOODBYE_S)
@@ -32,20 +32,20 @@ async def serve(told: dict[str, Any]) -> None:
     await asyncio.gather(talking, serving, return_exceptions=talking.done())
 
 
-async def _serve_others(link: Link, told: dict[str, Any]) -> None:
+async def _serve_others(link: Link, services: dict[str, Any]) -> None:
     await link.learn()
     async with AsyncExitStack() as stack:
-        if "web" in told:
+        if "web" in services:
             from counterlight.remote.web import Web
 
-            web = Web(_inherited(told["web"]), told["token"], link)
+            web = Web(_inherited(services["web"]), services["token"], link)
             link.hear = web.hear
             await stack.enter_async_context(await web.begin())
-        if "osc" in told:
+        if "osc" in services:
             from counterlight.remote.osc import Osc
 
             osc = Osc(link)
-            receiver, loop = _inherited(told["osc"]), asyncio.get_running_loop()
+            receiver, loop = _inherited(services["osc"]), asyncio.get_running_loop()
             transport, _ = await loop.create_datagram_endpoint(lambda: osc, sock=receiver)
             stack.callback(transport.close)
             await osc.run()

@@ -28,7 +28,7 @@ class Link:
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
-        self.hear: Callable[[Answer], None] = lambda told: None
+        self.hear: Callable[[Answer], None] = lambda received: None
         self._connected, self._over = asyncio.Event(), False
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[Answer]] = {}
@@ -66,8 +66,8 @@ class Link:
             self._writer.write(encode({"command": words, "request_id": number}))
             async with asyncio.timeout(PATIENCE_S):
                 await self._writer.drain()
-                told: Answer = await answer
-                return told
+                received: Answer = await answer
+                return received
         except TimeoutError:
             return _unanswered(f"the show has not answered for {PATIENCE_S:.0f} s")
         finally:
@@ -90,15 +90,15 @@ class Link:
         found: list[Answer] = answer["data"]
         return found
 
-    def _take(self, told: Answer) -> None:
-        if "event" in told:
-            if told["event"] == "property-change":
-                self.values[told["name"]] = told["data"]
-            self.hear(told)
+    def _take(self, received: Answer) -> None:
+        if "event" in received:
+            if received["event"] == "property-change":
+                self.values[received["name"]] = received["data"]
+            self.hear(received)
             return
-        answer = self._waiting.get(told.get("request_id", 0))
+        answer = self._waiting.get(received.get("request_id", 0))
         if answer is not None and not answer.done():
-            answer.set_result(told)
+            answer.set_result(received)
 
 
 def _unanswered(why: str) -> Answer:

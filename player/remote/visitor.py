@@ -74,12 +74,12 @@ class Visitor:
             telling.cancel()
             self._connection.transport.abort()  # unread data is discarded
 
-    def hear(self, told: Answer) -> None:
+    def hear(self, heard: Answer) -> None:
         """Queue an event of the show. It is sent once the browser has read the earlier messages."""
-        if told["event"] == "property-change":
-            self._news[told["name"]] = told["data"]
+        if heard["event"] == "property-change":
+            self._news[heard["name"]] = heard["data"]
         else:
-            self._events = [*self._events[-MOST_EVENTS:], told]
+            self._events = [*self._events[-MOST_EVENTS:], heard]
         self._awake.set()
 
     async def _tell(self) -> None:
@@ -89,16 +89,16 @@ class Visitor:
             events, self._events = self._events, []
             news, self._news = self._news, {}
             try:
-                for told in [*events, *([{"event": "properties", "values": news}] if news else [])]:
-                    await self._send(told)
+                for heard in [*events, *([{"event": "properties", "values": news}] if news else [])]:
+                    await self._send(heard)
             except (ConnectionClosed, TimeoutError):
                 self._connection.transport.abort()
                 return
             await asyncio.sleep(INTERVAL_S)
 
-    async def _send(self, told: Answer) -> None:
+    async def _send(self, heard: Answer) -> None:
         async with asyncio.timeout(PATIENCE_S):
-            await self._connection.send(encode(told).decode())
+            await self._connection.send(encode(heard).decode())
 
     async def _answer(self, message: str | bytes) -> Answer:
         try:

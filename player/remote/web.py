@@ -68,10 +68,10 @@ class Web:
             server_header=None,
         )
 
-    def hear(self, told: Answer) -> None:
+    def hear(self, heard: Answer) -> None:
         """Pass an event of the show on to all browsers."""
         for visitor in self._visitors:
-            visitor.hear(told)
+            visitor.hear(heard)
 
     async def _serve(self, connection: ServerConnection) -> None:
         visitor = Visitor(connection, self._link, self._pictures)

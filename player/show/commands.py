@@ -15,6 +15,7 @@ from counterlight.show.placing import Placing
 from counterlight.show.previews import PREVIEWS, Previews
 from counterlight.show.properties import TIME, playback_of, properties_of
 from counterlight.show.registry import Command, CommandError, Commands
+from counterlight.show.renderers import not_reloaded
 from counterlight.show.session import Session
 from counterlight.show.stats_page import position
 from counterlight.show.watching import Watching, watching_properties
@@ -134,8 +135,8 @@ class _Actions:
 
     def load(self, path: object, how: object = "replace") -> str:
         word = LOADS.read(how)
-        told = {"replace": word == "replace", "follows": word.startswith("insert"), "play": word.endswith("-play")}
-        return Path(self._session.programme.load(str(path), **told).name).name
+        loading = {"replace": word == "replace", "follows": word.startswith("insert"), "play": word.endswith("-play")}
+        return Path(self._session.programme.load(str(path), **loading).name).name
 
     def playlist_remove(self, position: object) -> None:
         session = self._session
@@ -209,7 +210,7 @@ class _Actions:
             if lut is not None:
                 session.adjust(replace(session.adjustments, lut=lut))
         except Exception as error:  # an edited shader can fail in any way
-            line = session.not_reloaded(error)
+            line = not_reloaded(error)
             session.stats.notice(line)
             raise CommandError(line) from None
         return "maps and shaders reloaded"

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.playback import Playback
 
 FADE_WAIT_S = 1 / 60  # between two pictures of a fade while no frame is due
@@ -37,3 +38,12 @@ class Leaving:
     def weight(self) -> float:
         """Share of the leaving medium in the picture, falling from 1 to 0."""
         return max(1.0 - (self._clock() - self._began_s) / self._seconds, 0.0)
+
+    def upload_into(self, renderer: AnyRenderer) -> bool:
+        """Pass the frame that is due to a renderer, and return whether a frame was due."""
+        frame = self.playback.due()
+        if frame is None:
+            return False
+        renderer.upload_before(frame)
+        self.playback.reader.release(frame)
+        return True

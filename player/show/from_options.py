@@ -3,16 +3,18 @@
 import argparse
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import fields
 
+from counterlight.calibration import Device
 from counterlight.errors import InputError
 from counterlight.files.cube import read_cube
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import EVERYWHERE, GpuPath
 from counterlight.pipeline.room import Room, read_room
+from counterlight.show.beginning import Playing
 from counterlight.show.governor import Governor, Steps
 from counterlight.show.options import LISTED_IMAGE_S
-from counterlight.show.session import Playing
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
@@ -25,6 +27,12 @@ def adjustments_of(options: argparse.Namespace) -> Adjustments:
 def monitors_of(options: argparse.Namespace) -> list[str]:
     """Return the named monitors, one per projector. A settings file may name a single monitor without a list."""
     return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
+
+
+def names_of_monitors(options: argparse.Namespace, projectors: Sequence[Device]) -> list[str]:
+    """Return the name or number of each projector's monitor."""
+    names = [projector.monitor or str(number) for number, projector in enumerate(projectors)]
+    return monitors_of(options) or names
 
 
 def cameras_of(options: argparse.Namespace) -> list[str]:

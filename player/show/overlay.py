@@ -66,6 +66,8 @@ class Overlay:
         showing = session.adjustments.card is None and session.rendered and not session.blackout
         if not session.writes or not showing:
             return ()
-        told = session.compensation or session.view != "projector"
-        clipping = CLIPPING_LEGEND if session.adjustments.clipping and told and session.view != "impossible" else ()
+        compensated = session.compensation or session.view != "projector"
+        clipping = (
+            CLIPPING_LEGEND if session.adjustments.clipping and compensated and session.view != "impossible" else ()
+        )
         return tuple(Legend(*row) for row in (*LEGENDS.get(session.view, ()), *clipping))

@@ -24,10 +24,10 @@ from counterlight.unattended.watcher import Watcher
 
 def checks_of(options: argparse.Namespace) -> RoomChecks | None:
     """Return the checks of the room by counterlight verify, None if the options ask for none."""
-    told = check_of(options)
-    if told is None:
+    found = check_of(options)
+    if found is None:
         return None
-    words, every_s = told
+    words, every_s = found
     verify = sys.executable, "-P", "-m", "counterlight", "verify", str(options.calibration), *words
     return RoomChecks(verify, every_s)
 

@@ -24,7 +24,7 @@ def properties_of(session: Session, checking: Callable[[], bool], lamps: Lamps |
     lamps : projectors that can be switched.
     """
     parts = _playing, _adjustments, look_properties, _showing, refining
-    return {name: each for part in parts for name, each in part(session).items()} | _told(session, checking, lamps)
+    return {name: each for part in parts for name, each in part(session).items()} | _facts(session, checking, lamps)
 
 
 def playback_of(session: Session) -> Playback:
@@ -178,7 +178,7 @@ def _showing(session: Session) -> dict[str, Property]:
     }
 
 
-def _told(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
+def _facts(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
     """Read-only properties that describe how the show runs."""
 
     stats = session.stats

@@ -91,8 +91,14 @@ class Commands:
     def info(self, name: str) -> dict[str, Any]:
         """Return the description of a property for JSON."""
         row: Property = _named(self._properties, name, "property")
-        told = {"name": name, "help": row.help, "unit": row.unit, "costly": row.costly, "writable": row.set is not None}
-        return {**told, **row.kind.info()}
+        facts = {
+            "name": name,
+            "help": row.help,
+            "unit": row.unit,
+            "costly": row.costly,
+            "writable": row.set is not None,
+        }
+        return {**facts, **row.kind.info()}
 
     def writable(self, name: str) -> bool:
         return _named(self._properties, name, "property").set is not None

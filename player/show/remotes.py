@@ -56,11 +56,11 @@ class RemoteProcess:
     def _start(self) -> subprocess.Popen[bytes] | None:
         """Start the process. Returns None if the system has no resources for it now."""
         ours, theirs = socket.socketpair()
-        told = {name: service.fileno() for name, service in self._services.items()}
+        inherited_fds = {name: service.fileno() for name, service in self._services.items()}
         command = [sys.executable, "-P", "-m", "counterlight.remote"]
         with theirs:
             try:
-                inherited = theirs.fileno(), *told.values()
+                inherited = theirs.fileno(), *inherited_fds.values()
                 process = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=inherited)
             except OSError as error:
                 ours.close()
@@ -69,7 +69,7 @@ class RemoteProcess:
                 return None
             assert process.stdin is not None
             with suppress(BrokenPipeError), process.stdin:
-                process.stdin.write(encode({"link": theirs.fileno(), "token": self._token, **told}))
+                process.stdin.write(encode({"link": theirs.fileno(), "token": self._token, **inherited_fds}))
         self._clients.admit(ours)
         return process
 

@@ -182,7 +182,7 @@ def _plan(rendering: Rendering, film: Film, stretches: Sequence[Stretch]) -> dic
     made = asdict(rendering) | {"medium": _identity(rendering.medium.name)}
     folder = rendering.calibration
     room = {f"{path.relative_to(folder)}": hashlib.sha256(path.read_bytes()).hexdigest() for path in tables_of(folder)}
-    text = json.dumps([made, room, asdict(film)], sort_keys=True, default=_told)
+    text = json.dumps([made, room, asdict(film)], sort_keys=True, default=_as_text)
     digest = hashlib.sha256(text.encode()).hexdigest()
     return {"format": FORMAT, "of": digest, "stretches": [[each.lead, each.begin, each.end] for each in stretches]}
 
@@ -202,7 +202,7 @@ def _identity(medium: str) -> list[Any]:
     return [str(path.absolute()), [(state.st_size, state.st_mtime_ns) for state in states]]
 
 
-def _told(value: Any) -> Any:
+def _as_text(value: Any) -> Any:
     return hashlib.sha256(value.tobytes()).hexdigest() if isinstance(value, np.ndarray) else str(value)
 
 

@@ -1,26 +1,24 @@
-"""Draws media into a display: takes the frame that is due, uploads, renders, presents and counts it.
+"""A frame's way from the film to the screen: the frame that is due is uploaded, rendered, presented and counted.
 
-playback.py decides which frame is due, programme.py which medium is next. This module knows no OpenGL; the display and
-the clock are arguments.
+`Session.step` begins the way, and its methods follow in the order of their calls. Changes of the medium and what keys
+and remotes control come last. playback.py decides which frame is due, programme.py which medium is next. This module
+knows no OpenGL; the display and the clock are arguments.
 """
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from counterlight.command import tell
 from counterlight.errors import DrawingError, InputError, printable
-from counterlight.media.audio import AudioOutput
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.media.medium import Medium
-from counterlight.memory import give_back
 from counterlight.overlay.osd import Message, Page
-from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
+from counterlight.show.beginning import NO_SOUND, PLAYING, SHOWING, Playing, Showing, Sound
 from counterlight.show.display import Display
 from counterlight.show.drawing import draw
 from counterlight.show.fading import FADE_WAIT_S, Fade, Leaving
@@ -33,6 +31,7 @@ from counterlight.show.placing import Placing
 from counterlight.show.playback import Manner, Playback
 from counterlight.show.playlist import Playlist
 from counterlight.show.programme import Opening, Programme
+from counterlight.show.renderers import Renderers
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.stats import Stats
 
@@ -41,55 +40,6 @@ MOST_REDRAWS = 12  # redraws of a picture that stays on the screen until its ste
 LONGEST_WAIT_S = 0.05  # longest wait before the decoder and the remotes are polled; keys wake the window at once
 AHEAD_S = 10.0  # how long before a medium ends the next is opened; starting a decoder takes 0.3 s of a processor
 OPENING_WAIT_S = 0.01  # longest wait while a medium is being opened
-
-
-@dataclass(frozen=True)
-class Playing:
-    """How media are played when the session begins.
-
-    start_s : where the first medium starts.
-    image_display_duration : seconds that a still is shown; None for no limit.
-    keep_open : what stays at the end of the list, an option of options.py.
-    fade_s, crossfade_s : seconds of a fade from and to black, and between two media.
-    """
-
-    loop_file: bool = False
-    speed: float = 1.0
-    start_s: float = 0.0
-    image_display_duration: float | None = None
-    keep_open: str = "auto"
-    fade_s: float = 0.0
-    crossfade_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class Showing:
-    """What the screen shows when the session begins.
-
-    view, compensation, blackout, osd : the options of these names.
-    adjustments : the viewer's settings.
-    """
-
-    view: str = "projector"
-    compensation: bool = True
-    adjustments: Adjustments = NEUTRAL
-    blackout: bool = False
-    osd: str = "auto"
-
-
-@dataclass(frozen=True)
-class Sound:
-    """The output of sound.
-
-    output : None without an output.
-    silence : why there is no output, reported when a medium has sound; None if the user wants no sound.
-    """
-
-    output: AudioOutput | None = None
-    silence: str | None = None
-
-
-PLAYING, SHOWING, NO_SOUND = Playing(), Showing(), Sound()
 
 
 class Session:
@@ -124,7 +74,7 @@ class Session:
         screenshots: Path = Path(),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.playlist, self.renderer, self.display, self.room, self.clock = playlist, renderer, display, room, clock
+        self.playlist, self.display, self.room, self.clock = playlist, display, room, clock
         self.view, self.compensation, self.blackout = showing.view, showing.compensation, showing.blackout
         self.adjustments, self.osd, self.screenshots = showing.adjustments, showing.osd, screenshots
         self.governor = governor or Governor(0)
@@ -137,7 +87,7 @@ class Session:
         self._outside = room.stand(self.adjustments.viewpoint)
         self.audio, self._hearing = sound.output, Hearing(sound.output, sound.silence, self.notice)
         self._lasting, self._unattended = lasting, unattended
-        self._incoming: AnyRenderer | None = None
+        self.renderers = Renderers(renderer, self.notice)
         self._draws = self._steps_made = 0
         self.rendered_view, self._steps_drawn, self._redraws = self.view, 0, 0
         self._changed = self._uploaded = self._uncovered = False
@@ -147,7 +97,6 @@ class Session:
         self.playback: Playback | None = None
         self._manner = Manner(playing.loop_file, playing.speed)
         self._start: tuple[Medium, float] | None = playlist.current, playing.start_s
-        self._pixels: PixelFormat | None = None  # the format that the renderer is open for
         self._lateness: Lateness | None = None
         self._prepared: Opening | None = None  # the next medium
         self.image_display_duration, self.keep_open = playing.image_display_duration, playing.keep_open
@@ -192,9 +141,7 @@ class Session:
         if self.playback is not None:
             self.playback.close()
             self._collect_notices()
-        for renderer in filter(None, (self._incoming, self.renderer)):
-            renderer.release()
-        self._incoming = None
+        self.renderers.release()
 
     def step(self, page: Callable[[], Page | None]) -> None:
         """Show the frame that is due, if any. Draw the picture again if a key or a remote has changed it.
@@ -211,6 +158,11 @@ class Session:
             self._draw(frame, page)
             self._appraise()
             self._look_ahead()
+
+    def _collect_notices(self) -> None:
+        readers = [] if self.playback is None else self.playback.reader.notices()
+        for text in [*readers, *self.display.notices()]:
+            self.notice(text)
 
     def _due(self) -> Frame | None:
         """Return the frame that is due, uploaded. Report the medium's end and its errors to the programme."""
@@ -239,23 +191,78 @@ class Session:
             self.programme.broke(error)
             return None
 
-    def _ends_within(self, seconds: float) -> bool:
-        return self.playback is not None and self.playback.ends_within(seconds, unknown=True)
+    def _upload(self, frame: Frame, playback: Playback) -> None:
+        start, self._taken_at = time.perf_counter(), self.clock()
+        try:
+            if not self.renderers.are_open_for(frame.format):  # a live source has changed its format
+                self._open_renderers(frame.format)
+            if not self._took_over(frame):
+                self.renderer.upload(frame)
+        finally:
+            playback.reader.release(frame)
+        self.stats.add("decode", frame.decode_s)
+        self.stats.add("upload", time.perf_counter() - start)
+        self.stats.frames += 1
+        self._uploaded, self._changed, self._redraws = True, True, 0
+        advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps, self.every)
+        if advice is not None:
+            self.notice(advice)
 
-    def _fades_over(self, playback: Playback) -> bool:
-        """Whether the next medium should begin to fade in."""
-        soon = self.crossfade_s > 0 and self._leaving is None and self._keep() != "always"
-        return soon and playback.ends_within(self.crossfade_s) and self.programme.next_waits
+    def _took_over(self, frame: Frame) -> bool:
+        """Whether a reloaded renderer, if any, has drawn the frame and replaced the old renderer."""
 
-    def _keep(self) -> str:
-        """Return what remains after the end: "no", "yes", "always" or "black"."""
-        usual = "black" if self.display.fullscreen else "no"
-        return usual if self.keep_open == "auto" else self.keep_open
+        def drawn(renderer: AnyRenderer) -> None:
+            renderer.upload(frame)
+            renderer.render(self.view, compensate=self.compensation, frame=self.stats.frames, steps=self.steps)
 
-    def quit(self) -> None:
-        """End the show after a fade to black. A second call ends it at once."""
-        self._quitting = not self._quitting and self._draws > 0 and self.fade.seconds > 0 and self.fade.level > 0
-        self.done = not self._quitting
+        if not self.renderers.took_over(drawn):
+            return False
+        self._end_crossfade()
+        self.appraisal.forget()
+        return True
+
+    def _draw(self, frame: Frame | None, page: Callable[[], Page | None]) -> None:
+        """Render a changed view, and present a changed view or page. The display is black before the first frame."""
+        self._play_leaving()
+        level = self.fade.towards(0.0 if self._dark() else 1.0) if self._draws or not self.fade.seconds else 0.0
+        self.done = self.done or (self._quitting and level == 0)
+        faded = level or 1.0, 0.0 if self._leaving is None else self._leaving.weight
+        render = (self._changed or faded != self._faded) and self._uploaded
+        if render:
+            self._faded = faded
+            self.renderer.fade(*faded)
+            self._render()
+        drawn_s = self.clock() - self._taken_at
+        shown = page(), level == 0 or not self._draws
+        if render or self._uncovered or shown != self._shown:
+            start = time.perf_counter()
+            self.display.present(shown[0], black=shown[1])
+            self.stats.add("present", time.perf_counter() - start)
+            self._shown, self._uncovered = shown, False
+            if self.on_present is not None:
+                self.on_present(*shown)
+        if frame is None or self.playback is None:
+            return
+        follows_s, self._follows_s = self._follows_s, None
+        due_s = self.playback.due_at(frame) if follows_s is None else follows_s
+        if due_s is not None:
+            self.stats.shown(self.clock(), due_s, frame.duration_s / self.playback.speed)
+            self._keep_pace(frame, self.playback, drawn_s)
+        else:
+            self.stats.interrupted()
+
+    def _play_leaving(self) -> None:
+        """Draw the next frame of the medium that fades out, and close the medium when its weight is 0."""
+        leaving = self._leaving
+        if leaving is None:
+            return
+        try:
+            self._changed |= leaving.upload_into(self.renderer)
+        except InputError as error:
+            self.notice(str(error))
+            self._end_crossfade()
+        if leaving.weight == 0:
+            self._end_crossfade()
 
     def _dark(self) -> bool:
         """Whether the picture should be black or fade to black."""
@@ -265,119 +272,68 @@ class Session:
         ends = playback is not None and not self.programme.over and self.programme.is_last and keep in ("no", "black")
         return ends and playback is not None and self.fade.seconds > 0 and playback.ends_within(self.fade.seconds)
 
-    def _play_leaving(self) -> None:
-        """Draw the next frame of the medium that fades out, and close the medium when its weight is 0."""
-        leaving = self._leaving
-        if leaving is None:
-            return
+    def _render(self) -> None:
+        timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
+        self._changed = False
         try:
-            frame = leaving.playback.due()
-            if frame is not None:
-                self.renderer.upload_before(frame)
-                leaving.playback.reader.release(frame)
-                self._changed = True
+            steps = draw(
+                self.renderer,
+                self.governor,
+                self.stats,
+                self.view,
+                compensate=self.compensation,
+                frame=self.stats.frames,
+                timed=timed,
+            )
+        except DrawingError as error:  # an edited shader that no earlier frame has used; the last picture stays
+            if not self._draws:
+                raise
+            if self._undrawn != str(error):
+                self._undrawn = str(error)
+                self.notice(f"not drawn: {error}")
+            return
+        self._undrawn = None
+        if timed:
+            self._timed_at = self.clock()
+        self._draws += 1
+        self.rendered_view, self._steps_drawn = self.view, steps
+        self._steps_made += steps
+
+    def _keep_pace(self, frame: Frame, playback: Playback, drawn_s: float) -> None:
+        """Show fewer frames, evenly, if even the fewest steps take too long. Show more when there is time again."""
+        pace = playback.pace
+        if pace is None:
+            return
+        if pace.shown(frame.time_s, self.clock(), drawn_s, may_slow=self.governor.is_at_least):
+            self.governor.slow_to(pace.shown_s)
+
+    def _appraise(self) -> None:
+        """Estimate the distance from the optimum if it is needed, and redraw a lasting picture if that helps."""
+        wanted = self._appraised or self.appraisal.asked or self.show_stats or self.governor.within != "no"
+        try:
+            if wanted and self._draws and self._uploaded:
+                self.appraisal.look(self.renderer)
+            self.appraisal.poll(self.governor)
         except InputError as error:
             self.notice(str(error))
-            self._end_crossfade()
-        if leaving.weight == 0:
-            self._end_crossfade()
-
-    def _end_crossfade(self) -> None:
-        leaving, self._leaving = self._leaving, None
-        if leaving is not None:
-            self.renderer.end_crossfade()
-            self._left(leaving.playback)
-
-    def _left(self, playback: Playback) -> None:
-        """Close a medium that no longer plays, and report its notices."""
-        playback.close()
-        for text in playback.reader.notices():
-            self.notice(text)
-
-    def _look_ahead(self) -> None:
-        """Prepare the next medium before the present one ends, at any frame rate."""
-        if self.playback is None or self.programme.over or not self._ends_within(AHEAD_S):
-            return
-        opening = self.programme.look_ahead()
-        if opening is not None and opening != self._prepared:
-            self._prepared = opening
-            self._prepare(opening)
+        if self._settles and self._steps_drawn != self.steps:
+            self._redraws += 1
+            self._changed = True
 
     @property
-    def writes(self) -> bool:
-        """Whether messages and legends are written over the picture."""
-        return not self.display.fullscreen if self.osd == "auto" else self.osd != "off"
+    def _settles(self) -> bool:
+        """Whether the picture stays on the screen and may need another number of steps."""
+        stays = self.playback is not None and (self.playback.reader.info.still or self.playback.paused)
+        return stays and self.governor.governs and self._draws > 0 and self._redraws < MOST_REDRAWS
 
-    def say(self, text: str, seconds: float | None = None) -> None:
-        """Write a line over the picture for a while."""
-        self.message.say(text, *([] if seconds is None else [seconds]))
-
-    def notice(self, text: str) -> None:
-        """Report an error that did not stop the show to the log, the statistics and the operator.
-
-        An audience in front of a projector sees no notice unless `osd` asks for it.
-        """
-        text = printable(text)
-        tell(text)
-        self.stats.notice(text)
-        if self.osd == "notices" or not (self._unattended or self.display.fullscreen):
-            self.say(text, 3.0)
-
-    def changed(self) -> None:
-        """Draw the view again at the next opportunity."""
-        self._changed = True
-
-    def uncovered(self) -> None:
-        """Present the picture again, because the window was resized or uncovered."""
-        self._uncovered = True
-
-    def adjust(self, adjustments: Adjustments) -> None:
-        self.renderer.adjust(adjustments)
-        if self._incoming is not None:
-            self._incoming.adjust(adjustments)
-        self.adjustments = adjustments
-        outside, before = self.room.stand(adjustments.viewpoint), self._outside
-        self._outside = outside
-        if outside is not None and before is None:  # once, until the viewer is inside again
-            self.notice(outside)
-        self._changed = True
-
-    @property
-    def steps(self) -> int:
-        """Steps of refinement for the next frame."""
-        return self.governor.steps
-
-    @property
-    def steps_made(self) -> int:
-        """Steps of refinement in the picture on the screen; 0 without compensation."""
-        made = self.compensation and self.adjustments.card is None and self._draws > 0
-        return self._steps_drawn if made else 0
-
-    @property
-    def rates(self) -> tuple[float, float]:
-        """Frames per second of the medium and on the screen. Both are 0 during a pause and for a still."""
-        playback = self.playback
-        if playback is None or playback.paused or playback.reader.info.still:
-            return 0.0, 0.0
-        return playback.reader.info.frames_per_second * playback.speed, self.stats.frames_per_second
-
-    @property
-    def every(self) -> int:
-        """n if every n-th frame is shown; 1 for all frames."""
-        pace = None if self.playback is None else self.playback.pace
-        return 1 if pace is None else pace.every
-
-    @property
-    def manner(self) -> Playback | Manner:
-        """The object that holds loop, pause and speed."""
-        return self.playback or self._manner
-
-    @property
-    def position_s(self) -> float:
-        """Time within the medium. Before the first medium plays, the time where it will start."""
-        if self.playback is not None:
-            return self.playback.position_s
-        return 0.0 if self._start is None else self._start[1]
+    def wait_s(self) -> float:
+        """Return the seconds until something is due, unless a command comes first."""
+        if self._changed and self._uploaded:
+            return 0.0
+        wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)
+        wait = min(wait, OPENING_WAIT_S) if self.programme.is_opening else wait
+        fades = self.message.opacity or self._leaving is not None or self.fade.level != (not self._dark())
+        return min(wait, FADE_WAIT_S) if fades else wait
 
     def _change_to(self, opening: Opening) -> None:
         """Play an opened medium. The previous picture stays on the screen until the medium's first frame is due."""
@@ -387,7 +343,7 @@ class Session:
         follows_s = before.ended_at_s if before is not None and self.programme.over else None
         fades = self.crossfade_s > 0 and before is not None and self._uploaded and not self.programme.at_end
         try:
-            self._open_renderer(reader.info.format, crossfade=fades)
+            self._open_renderers(reader.info.format, crossfade=fades)
         except InputError as error:
             reader.close()
             self.programme.refused(error)
@@ -426,42 +382,105 @@ class Session:
             self.stats.changed()
         self.display.set_title(printable(f"{Path(medium.name).name} - Counterlight"))
 
-    def _prepare(self, opening: Opening) -> None:
-        """Prepare the next medium's passes and sound."""
-        info = opening.reader.info
-        with suppress(InputError):  # `open` raises it again
-            self.renderer.prepare(info.format, crossfade=self.crossfade_s > 0)
-        self._hearing.prepare(info, opening.medium)
-
-    def _open_renderer(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
-        """Prepare the renderers for frames of a format. The picture on the screen stays until a frame comes."""
+    def _open_renderers(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
         self._end_crossfade()
-        self._pixels, self._uploaded = None, False
-        for renderer in filter(None, (self.renderer, self._incoming)):
-            renderer.open(pixels, crossfade=crossfade and renderer is self.renderer)
-            renderer.adjust(self.adjustments)
-        self._pixels = pixels
+        self._uploaded = False
+        self.renderers.open(pixels, self.adjustments, crossfade=crossfade)
+
+    def _every(self, rate: float) -> int:
+        """Return n for a new medium, so that showing every n-th frame keeps about the present rate."""
+        pace = None if self.playback is None else self.playback.pace
+        return 1 if pace is None else max(round(pace.shown_s * rate), 1)
+
+    def _look_ahead(self) -> None:
+        """Prepare the next medium's passes and sound before the present medium ends, at any frame rate."""
+        if self.playback is None or self.programme.over or not self._ends_within(AHEAD_S):
+            return
+        opening = self.programme.look_ahead()
+        if opening is not None and opening != self._prepared:
+            self._prepared = opening
+            info = opening.reader.info
+            self.renderers.prepare(info.format, crossfade=self.crossfade_s > 0)
+            self._hearing.prepare(info, opening.medium)
+
+    def _ends_within(self, seconds: float) -> bool:
+        return self.playback is not None and self.playback.ends_within(seconds, unknown=True)
+
+    def _fades_over(self, playback: Playback) -> bool:
+        """Whether the next medium should begin to fade in."""
+        soon = self.crossfade_s > 0 and self._leaving is None and self._keep() != "always"
+        return soon and playback.ends_within(self.crossfade_s) and self.programme.next_waits
+
+    def _keep(self) -> str:
+        """Return what remains after the end: "no", "yes", "always" or "black"."""
+        usual = "black" if self.display.fullscreen else "no"
+        return usual if self.keep_open == "auto" else self.keep_open
+
+    def _end_crossfade(self) -> None:
+        leaving, self._leaving = self._leaving, None
+        if leaving is not None:
+            self.renderer.end_crossfade()
+            self._left(leaving.playback)
+
+    def _left(self, playback: Playback) -> None:
+        """Close a medium that no longer plays, and report its notices."""
+        playback.close()
+        for text in playback.reader.notices():
+            self.notice(text)
+
+    def quit(self) -> None:
+        """End the show after a fade to black. A second call ends it at once."""
+        self._quitting = not self._quitting and self._draws > 0 and self.fade.seconds > 0 and self.fade.level > 0
+        self.done = not self._quitting
+
+    def notice(self, text: str) -> None:
+        """Report an error that did not stop the show to the log, the statistics and the operator.
+
+        An audience in front of a projector sees no notice unless `osd` asks for it.
+        """
+        text = printable(text)
+        tell(text)
+        self.stats.notice(text)
+        if self.osd == "notices" or not (self._unattended or self.display.fullscreen):
+            self.say(text, 3.0)
+
+    def say(self, text: str, seconds: float | None = None) -> None:
+        """Write a line over the picture for a while."""
+        self.message.say(text, *([] if seconds is None else [seconds]))
+
+    @property
+    def writes(self) -> bool:
+        """Whether messages and legends are written over the picture."""
+        return not self.display.fullscreen if self.osd == "auto" else self.osd != "off"
+
+    def changed(self) -> None:
+        """Draw the view again at the next opportunity."""
+        self._changed = True
+
+    def uncovered(self) -> None:
+        """Present the picture again, because the window was resized or uncovered."""
+        self._uncovered = True
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        """Apply the viewer's settings. Report a viewpoint outside all views once."""
+        self.renderers.adjust(adjustments)
+        self.adjustments = adjustments
+        outside, before = self.room.stand(adjustments.viewpoint), self._outside
+        self._outside = outside
+        if outside is not None and before is None:  # once, until the viewer is inside again
+            self.notice(outside)
+        self._changed = True
 
     def replace_renderer(self, renderer: AnyRenderer) -> None:
         """Switch to another renderer once it has a frame to show. The picture on the screen stays until then."""
-        try:
-            if self._pixels is not None:
-                renderer.open(self._pixels)
-            renderer.adjust(self.adjustments)
-        except BaseException:
-            renderer.release()
-            raise
-        if self._incoming is not None:
-            self._incoming.release()
-        self._incoming = renderer
+        self.renderers.replace(renderer, self.adjustments)
         if self.playback is not None:
             self.playback.refresh()
 
-    @staticmethod
-    def not_reloaded(error: Exception) -> str:
-        """Return a line that says why the old maps and shaders stay."""
-        known = isinstance(error, InputError | OSError | RuntimeError)
-        return f"not reloaded: {' '.join((str(error) if known else repr(error)).split())}"
+    @property
+    def renderer(self) -> AnyRenderer:
+        """The renderer that draws frames."""
+        return self.renderers.current
 
     def certificate(self, max_age_s: float = INTERVAL_S) -> Certificate | None:
         """Return the bound on the distance from the best picture. Measures it again if it is older than `max_age_s`."""
@@ -469,144 +488,44 @@ class Session:
             self.appraisal.certify(self.renderer, max_age_s)
         return self.appraisal.certificate
 
-    def _appraise(self) -> None:
-        """Estimate the distance from the optimum if it is needed, and redraw a lasting picture if that helps."""
-        wanted = self._appraised or self.appraisal.asked or self.show_stats or self.governor.within != "no"
-        try:
-            if wanted and self._draws and self._uploaded:
-                self.appraisal.look(self.renderer)
-            self.appraisal.poll(self.governor)
-        except InputError as error:
-            self.notice(str(error))
-        if self._settles and self._steps_drawn != self.steps:
-            self._redraws += 1
-            self._changed = True
+    @property
+    def steps(self) -> int:
+        """Steps of refinement for the next frame."""
+        return self.governor.steps
 
     @property
-    def _settles(self) -> bool:
-        """Whether the picture stays on the screen and may need another number of steps."""
-        stays = self.playback is not None and (self.playback.reader.info.still or self.playback.paused)
-        return stays and self.governor.governs and self._draws > 0 and self._redraws < MOST_REDRAWS
+    def steps_made(self) -> int:
+        """Steps of refinement in the picture on the screen; 0 without compensation."""
+        made = self.compensation and self.adjustments.card is None and self._draws > 0
+        return self._steps_drawn if made else 0
 
     @property
     def rendered(self) -> int:
         """Number of views rendered so far. 0 means that there is no view to save; a new number means a new view."""
         return self._draws
 
-    def _upload(self, frame: Frame, playback: Playback) -> None:
-        start, self._taken_at = time.perf_counter(), self.clock()
-        try:
-            if frame.format != self._pixels:  # a live source has changed its format
-                self._open_renderer(frame.format)
-            if self._incoming is None or not self._took_over(self._incoming, frame):
-                self.renderer.upload(frame)
-        finally:
-            playback.reader.release(frame)
-        self.stats.add("decode", frame.decode_s)
-        self.stats.add("upload", time.perf_counter() - start)
-        self.stats.frames += 1
-        self._uploaded, self._changed, self._redraws = True, True, 0
-        advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps, self.every)
-        if advice is not None:
-            self.notice(advice)
+    @property
+    def rates(self) -> tuple[float, float]:
+        """Frames per second of the medium and on the screen. Both are 0 during a pause and for a still."""
+        playback = self.playback
+        if playback is None or playback.paused or playback.reader.info.still:
+            return 0.0, 0.0
+        return playback.reader.info.frames_per_second * playback.speed, self.stats.frames_per_second
 
-    def _took_over(self, incoming: AnyRenderer, frame: Frame) -> bool:
-        """Try to draw a frame with the reloaded renderer. Returns whether it has replaced the old renderer."""
-        self._incoming = None
-        try:
-            incoming.upload(frame)
-            incoming.render(self.view, compensate=self.compensation, frame=self.stats.frames, steps=self.steps)
-        except Exception as error:  # an edited shader can fail in any way
-            incoming.release()
-            self.notice(self.not_reloaded(error))
-            return False
-        self._end_crossfade()
-        self.renderer.release()
-        self.renderer = incoming
-        self.appraisal.forget()
-        give_back()
-        return True
-
-    def _draw(self, frame: Frame | None, page: Callable[[], Page | None]) -> None:
-        """Render a changed view, and present a changed view or page. The display is black before the first frame."""
-        self._play_leaving()
-        level = self.fade.towards(0.0 if self._dark() else 1.0) if self._draws or not self.fade.seconds else 0.0
-        self.done = self.done or (self._quitting and level == 0)
-        faded = level or 1.0, 0.0 if self._leaving is None else self._leaving.weight
-        render = (self._changed or faded != self._faded) and self._uploaded
-        if render:
-            self._faded = faded
-            self.renderer.fade(*faded)
-            self._render()
-        drawn_s = self.clock() - self._taken_at
-        shown = page(), level == 0 or not self._draws
-        if render or self._uncovered or shown != self._shown:
-            start = time.perf_counter()
-            self.display.present(shown[0], black=shown[1])
-            self.stats.add("present", time.perf_counter() - start)
-            self._shown, self._uncovered = shown, False
-            if self.on_present is not None:
-                self.on_present(*shown)
-        if frame is None or self.playback is None:
-            return
-        follows_s, self._follows_s = self._follows_s, None
-        due_s = self.playback.due_at(frame) if follows_s is None else follows_s
-        if due_s is not None:
-            self.stats.shown(self.clock(), due_s, frame.duration_s / self.playback.speed)
-            self._keep_pace(frame, self.playback, drawn_s)
-        else:
-            self.stats.interrupted()
-
-    def _keep_pace(self, frame: Frame, playback: Playback, drawn_s: float) -> None:
-        """Show fewer frames, evenly, if even the fewest steps take too long. Show more when there is time again."""
-        pace = playback.pace
-        if pace is None:
-            return
-        if pace.shown(frame.time_s, self.clock(), drawn_s, may_slow=self.governor.is_at_least):
-            self.governor.slow_to(pace.shown_s)
-
-    def _every(self, rate: float) -> int:
-        """Return n for a new medium, so that showing every n-th frame keeps about the present rate."""
+    @property
+    def every(self) -> int:
+        """n if every n-th frame is shown; 1 for all frames."""
         pace = None if self.playback is None else self.playback.pace
-        return 1 if pace is None else max(round(pace.shown_s * rate), 1)
+        return 1 if pace is None else pace.every
 
-    def _render(self) -> None:
-        timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
-        self._changed = False
-        try:
-            steps = draw(
-                self.renderer,
-                self.governor,
-                self.stats,
-                self.view,
-                compensate=self.compensation,
-                frame=self.stats.frames,
-                timed=timed,
-            )
-        except DrawingError as error:  # an edited shader that no earlier frame has used; the last picture stays
-            if not self._draws:
-                raise
-            if self._undrawn != str(error):
-                self._undrawn = str(error)
-                self.notice(f"not drawn: {error}")
-            return
-        self._undrawn = None
-        if timed:
-            self._timed_at = self.clock()
-        self._draws += 1
-        self.rendered_view, self._steps_drawn = self.view, steps
-        self._steps_made += steps
+    @property
+    def manner(self) -> Playback | Manner:
+        """The object that holds loop, pause and speed."""
+        return self.playback or self._manner
 
-    def wait_s(self) -> float:
-        """Return the seconds until something is due, unless a command comes first."""
-        if self._changed and self._uploaded:
-            return 0.0
-        wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)
-        wait = min(wait, OPENING_WAIT_S) if self.programme.is_opening else wait
-        fades = self.message.opacity or self._leaving is not None or self.fade.level != (not self._dark())
-        return min(wait, FADE_WAIT_S) if fades else wait
-
-    def _collect_notices(self) -> None:
-        readers = [] if self.playback is None else self.playback.reader.notices()
-        for text in [*readers, *self.display.notices()]:
-            self.notice(text)
+    @property
+    def position_s(self) -> float:
+        """Time within the medium. Before the first medium plays, the time where it will start."""
+        if self.playback is not None:
+            return self.playback.position_s
+        return 0.0 if self._start is None else self._start[1]

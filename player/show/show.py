@@ -1,7 +1,9 @@
 """The main loop of a show: keys, remotes, session, overlay, heartbeat and status line."""
 
+import gc
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -11,7 +13,6 @@ from counterlight.show.checked_room import CheckedRoom
 from counterlight.show.commands import commands_of
 from counterlight.show.control import Remote
 from counterlight.show.keys import Keys
-from counterlight.show.memory import short_collections
 from counterlight.show.overlay import Overlay
 from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
@@ -57,7 +58,7 @@ class Show:
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
-        self._told_at, self._polled, self._on_interrupt = float("-inf"), polled, on_interrupt
+        self._status_at, self._polled, self._on_interrupt = float("-inf"), polled, on_interrupt
         self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
@@ -100,8 +101,8 @@ class Show:
 
     def _tell_terminal(self) -> None:
         session, now_s = self.session, time.monotonic()
-        if session.playback is not None and now_s - self._told_at >= STATUS_INTERVAL_S:
-            self._told_at = now_s
+        if session.playback is not None and now_s - self._status_at >= STATUS_INTERVAL_S:
+            self._status_at = now_s
             status(status_line(session))
 
     def _check(self) -> str:
@@ -146,3 +147,14 @@ class Show:
         said = self._keys.press(key, placing=self.session.placing is not None)
         if said:
             self.session.say(said)
+
+
+@contextmanager
+def short_collections() -> Iterator[None]:
+    """Exclude the objects that exist now from garbage collections, which then take a fraction of a frame's time."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

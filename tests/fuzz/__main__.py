@@ -53,9 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         tally = tallies[name] = _run(name, options)
         print(tally.line(), flush=True)
         if options.out:
-            told = {"seed": options.seed, "machine": platform.platform()}
-            told["campaigns"] = {name: tally.facts() for name, tally in tallies.items()}
-            options.out.write_text(json.dumps(told, indent=1) + "\n")
+            record = {"seed": options.seed, "machine": platform.platform()}
+            record["campaigns"] = {name: tally.facts() for name, tally in tallies.items()}
+            options.out.write_text(json.dumps(record, indent=1) + "\n")
     return FOUND if any(tally.faults for tally in tallies.values()) else 0
 
 

@@ -165,7 +165,7 @@ def _spoken(process: subprocess.Popen[str], control: Path, names: Sequence[Name]
 
 
 def _files(names: Sequence[Name]) -> dict[str, bytes]:
-    told: Iterator[tuple[str, bytes]] = (
+    entries: Iterator[tuple[str, bytes]] = (
         (f"{i}.name", name.text.encode("utf-8", "replace")) for i, name in enumerate(names)
     )
-    return dict(told) | {name.text: name.content for name in names if name.content is not None}
+    return dict(entries) | {name.text: name.content for name in names if name.content is not None}

@@ -28,7 +28,7 @@ from tests.rooms import write_blurred_room
 
 FRAMES, LAPS = 8, 2
 QUIET = 0  # av.logging: FFmpeg's messages about a damaged file are not for the warden
-SHORTEST_RING, ROOM = 64, "room"
+ROOM = "room"
 CLIPS: dict[str, dict[str, Any]] = {
     "ffv1.mkv": {"codec": "ffv1"},
     "h264.mp4": {"codec": "libx264", "options": {"g": "4", "bf": "2"}},

@@ -166,8 +166,8 @@ def _show(folder: Path, display: str) -> Iterator[_Show]:
     port = udp_port()
     live = f"udp://127.0.0.1:{port}"
     options = "--loop", "--no-config", "--no-audio", "--shader", "fragment", "--screenshot-directory", folder / "shots"
-    told = "--control", folder / "show.socket", "--heartbeat", folder / "show.log"
-    words = [*verb("play"), folder / "room", *clips, live, *options, *told]
+    message = "--control", folder / "show.socket", "--heartbeat", folder / "show.log"
+    words = [*verb("play"), folder / "room", *clips, live, *options, *message]
     with (
         (folder / "errors").open("w") as errors,
         Sender(port, (320, 240), loss=LOSS),
@@ -233,14 +233,14 @@ class _Rowdy(threading.Thread):
         """Receive the next answer and skip events. A client beyond the limit receives nothing and is disconnected."""
         for line in lines:
             try:
-                told = dict(json.loads(line))
+                message = dict(json.loads(line))
             except (ValueError, TypeError):
                 self.complaints.append(f"no JSON object: {line[:200]!r}")
                 return
-            if "error" in told:
-                self.answers[READ if told["error"] == "success" else REFUSED] += 1
+            if "error" in message:
+                self.answers[READ if message["error"] == "success" else REFUSED] += 1
                 return
-            if "event" not in told:
+            if "event" not in message:
                 self.complaints.append(f"neither answer nor event: {line[:200]!r}")
         raise ConnectionError
 

@@ -158,12 +158,12 @@ def _serve(campaign: FileCampaign, folder: Path) -> None:
     campaign.open(folder)
     for line in sys.stdin:
         request = json.loads(line)
-        told = (
+        report = (
             asdict(_tried(campaign, Plan(request["seed"], 1, folder, folder), request["index"]))
             if request
             else {"ready": 1}
         )
-        print(json.dumps(told), file=answers, flush=True)
+        print(json.dumps(report), file=answers, flush=True)
 
 
 def _tried(campaign: FileCampaign, plan: Plan, index: int) -> Trial:

@@ -17,7 +17,7 @@ ATOL = 1e-5  # as for the other drives
 
 
 @pytest.mark.parametrize("path", [GpuPath("fragment"), GpuPath("compute"), GpuPath("auto", "auto")], ids=str)
-def test_steps_and_views_equal_their_twins(
+def test_steps_and_views_match_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, path: GpuPath
 ) -> None:
     T = in_blocks(discs(rng, 6.0))

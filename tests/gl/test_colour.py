@@ -28,7 +28,7 @@ PICTURES = {
 @pytest.mark.parametrize("name", PICTURES)
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("media", ["video", "radiance"])
-def test_every_view_through_a_mixing_equals_its_twin(
+def test_every_view_through_a_mixing_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, name: str, far: bool, media: str
 ) -> None:
     room = with_mixing(replace(physical_room(rng, far=far).room, white=0.9), rng)

@@ -21,8 +21,8 @@ RANDOM_LINES = 600
 def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_room: Path, folder: Path) -> None:
     commands, properties = player_page.commands(), player_page.properties()
     arguments = player_page.ARGUMENTS | {"cycle": ["osd"]}
-    told = "--loop", "--refine", "4", "--check-with", f"--camera folder:{folder / 'no-camera'}"
-    with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", *told) as (process, client):
+    options = "--loop", "--refine", "4", "--check-with", f"--camera folder:{folder / 'no-camera'}"
+    with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", *options) as (process, client):
         assert sorted(client.get("property-list")) == sorted(properties)
         assert {entry["name"] for entry in client.get("command-list")} == set(commands)
         for number, name in enumerate(properties):

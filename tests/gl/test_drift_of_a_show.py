@@ -26,20 +26,20 @@ def test_a_check_beside_a_show_is_taken_over(
     write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
     beats = tmp_path / "beats"
 
-    def told() -> Any:
+    def known_drift() -> Any:
         return json.loads(beats.read_text().splitlines()[-1])["drift"]
 
     with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", "--heartbeat", beats) as (process, client):
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), before), "the picture", process)
-        assert told() is None
+        assert known_drift() is None
         camera = ["--camera", f"simulated:{tmp_path / 'now'}", "--control", str(tmp_path / "show.socket")]
         assert verify_projection.main([str(room), *camera]) == 0
         after = expected_picture(room, noise_picture, tmp_path)
         assert np.abs(after - before).max() > 20  # code values: the noise picture has moved
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), after), "the corrected picture", process)
         assert client.get("pause") is False  # playback has resumed
-        wait_until(lambda: told() is not None, "a beat", process)
-        np.testing.assert_allclose(told()["moved"], [[0.8, -0.6]], atol=0.05)  # boxes of light, noise
+        wait_until(lambda: known_drift() is not None, "a beat", process)
+        np.testing.assert_allclose(known_drift()["moved"], [[0.8, -0.6]], atol=0.05)  # boxes of light, noise
     capsys.readouterr()
     assert verify_projection.main([str(room), *camera]) == 2
     assert "show.socket: no answer" in capsys.readouterr().err
@@ -49,8 +49,8 @@ def test_a_show_looks_at_its_room_by_itself(xvfb: str, plain_room: Path, noise_p
     room = shutil.copytree(plain_room, tmp_path / "room")
     before = expected_picture(room, noise_picture, tmp_path)
     write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
-    told = "--check-every", "0.05", "--check-with", f"--camera 'simulated:{tmp_path / 'now'}'"
-    with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", *told) as (process, client):
+    options = "--check-every", "0.05", "--check-with", f"--camera 'simulated:{tmp_path / 'now'}'"
+    with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", *options) as (process, client):
         wait_until((room / "drift" / "drift.toml").exists, "a check", process)
         after = expected_picture(room, noise_picture, tmp_path)
         assert np.abs(after - before).max() > 20  # code values: the noise picture has moved

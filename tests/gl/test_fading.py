@@ -33,7 +33,7 @@ def crossing(renderer: AnyRenderer, before: Frame, now: Frame, adjustments: Adju
 
 @pytest.mark.parametrize("adjustments", [NEUTRAL, Adjustments(corners=PINNED), Adjustments(black_level=0.1, adapt=2)])
 @pytest.mark.parametrize("radiance", [False, True])
-def test_fades_are_the_twins(
+def test_fades_match_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, adjustments: Adjustments, radiance: bool
 ) -> None:
     room = random_room(rng, far=True)

@@ -100,9 +100,9 @@ def test_followers_keep_in_step_over_good_and_bad_wires(
             assert time.monotonic() < until_s
         assert_in_step(leader, followers)
         assert leader.get("in-step") == {"role": "lead"}
-        told = followers[1].get("in-step")
-        assert told["role"] == "follow"
-        assert told["round_trip_ms"] >= 10  # twice the least delay of the wire
+        state = followers[1].get("in-step")
+        assert state["role"] == "follow"
+        assert state["round_trip_ms"] >= 10  # twice the least delay of the wire
         for between in wires:
             between.cut = True
         while followers[1].get("in-step")["in_touch"]:

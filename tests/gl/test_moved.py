@@ -26,7 +26,7 @@ def some(rng: np.random.Generator, reach: float) -> Moved:
 
 
 @pytest.mark.parametrize("reach", [0.0, 0.3, 1.0, 4.0])
-def test_the_pass_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, reach: float) -> None:
+def test_the_pass_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator, reach: float) -> None:
     drive = rng.uniform(0, 1, (14, 28, 3)).astype(np.float32)
     table = Drift(tuple(some(rng, reach) for _ in REGIONS)).table(REGIONS)
     made = MovedDrive(drive, table)
@@ -35,7 +35,7 @@ def test_the_pass_equals_its_twin(gl_context: moderngl.Context, rng: np.random.G
         np.testing.assert_allclose(result, expected, atol=ATOL)
 
 
-def test_the_chain_equals_its_twin_and_identity_is_left_out(
+def test_the_chain_matches_the_reference_and_identity_is_left_out(
     gl_context: moderngl.Context, rng: np.random.Generator
 ) -> None:
     plain, frame = random_room(rng, far=True), yuv_frame(rng, (9, 15))

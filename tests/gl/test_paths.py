@@ -12,15 +12,14 @@ from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.gl import gpu_maps, paths
 from counterlight.gl.gpu_maps import MapBuffers, MapTextures, supports_compute
-from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
 from counterlight.maps.row_map import PreparedRows, RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline.device import GpuPath, Owner, StoredMap
+from counterlight.pipeline.device import GpuPath, StoredMap
 from counterlight.pipeline.refinement import STARTS
 from counterlight.tools import build_correction_map
 from tests.refined_rooms import physical_room
-from tests.renderers import both, read
+from tests.renderers import both, multiply
 from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to_one_room, yuv_frame
 from tests.small_rooms import with_words
 
@@ -32,19 +31,6 @@ COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP")
 
 def store(context: moderngl.Context, packed: RowMap, path: str) -> StoredMap:
     return MapTextures(context, packed) if path == "fragment" else MapBuffers(context, packed)
-
-
-def multiply(
-    context: moderngl.Context, stored: StoredMap, picture: np.ndarray, base: np.ndarray | None = None, combine: str = ""
-) -> np.ndarray:
-    """Compute one product, and release its memory and the memory of `stored`."""
-    owner = Owner()
-    product = owner.own(stored.product(combine))
-    inputs = [owner.own(picture_texture(context, each)) for each in (picture, base) if each is not None]
-    result = read(product.run(*inputs)).copy()
-    owner.release()
-    stored.release()
-    return result
 
 
 def combined(product: np.ndarray, base: np.ndarray, combine: str) -> np.ndarray:
@@ -61,7 +47,7 @@ def test_there_are_compute_shaders_here(gl_context: moderngl.Context) -> None:
 @pytest.mark.parametrize("combine", COMBINES)
 @pytest.mark.parametrize(("output", "source"), [((7, 13), (11, 17)), ((19, 3), (2, 31)), ((1, 6), (41, 17))])
 @pytest.mark.parametrize("longest", [1, 20, 300])
-def test_a_product_equals_its_twin(
+def test_a_product_matches_the_reference(
     gl_context: moderngl.Context,
     rng: np.random.Generator,
     path: str,
@@ -128,7 +114,7 @@ def test_a_source_beyond_what_a_float_counts_is_read_at_its_corners(gl_context: 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("start", STARTS)
-def test_refined_drives_equal_their_twin(
+def test_refined_drives_match_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, path: str, far: bool, start: str
 ) -> None:
     room = physical_room(rng, far=far, start=start).room
@@ -146,7 +132,7 @@ def test_refined_drives_equal_their_twin(
 
 
 @pytest.mark.parametrize("view", ["projector", "camera", "split", "error", "impossible"])
-def test_every_view_by_compute_shaders_equals_its_twin(
+def test_every_view_by_compute_shaders_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str
 ) -> None:
     with both(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), GpuPath("compute")) as (gl, cpu):

@@ -57,7 +57,7 @@ def scene(rng: np.random.Generator) -> Frame:
 
 @pytest.mark.parametrize("name", PICTURES)
 @pytest.mark.parametrize("far", [False, True])
-def test_every_property_equals_its_twin(
+def test_every_property_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, name: str, far: bool
 ) -> None:
     room = replace(physical_room(rng, far=far).room, white=0.9)  # more than many pixels can show
@@ -87,7 +87,7 @@ RENDITIONS = NEUTRAL, HDR, Adjustments(tone_mapping="clip"), NEUTRAL
 
 @pytest.mark.parametrize("transfer", ["pq", "hlg", "srgb"])
 @pytest.mark.parametrize("layout", ["yuv", "rgb"])
-def test_hdr_and_wide_primaries_equal_their_twin(
+def test_hdr_and_wide_primaries_match_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, transfer: str, layout: str
 ) -> None:
     changes = {"transfer": transfer, "primaries": "bt2020"}
@@ -105,7 +105,7 @@ def test_hdr_and_wide_primaries_equal_their_twin(
 
 
 @pytest.mark.parametrize("transfer", ["srgb", "pq"])
-def test_a_table_equals_its_twin(
+def test_a_table_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, transfer: str, tmp_path: Path
 ) -> None:
     """Tables are switched on, off and replaced, also by another type.
@@ -135,7 +135,7 @@ def live_counts() -> dict[str, int]:
 
 
 @pytest.mark.parametrize("name", ["brightness", "black level", "adapt", "adapt, much"])
-def test_radiance_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, name: str) -> None:
+def test_radiance_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator, name: str) -> None:
     frame = radiance_frame(rng.uniform(0, 1.5, (*CAMERA, 3)).astype(np.float32))
     with both(gl_context, physical_room(rng).room, frame) as (gl, cpu):
         plain = gl.desired().copy()
@@ -151,7 +151,7 @@ def test_radiance_equals_its_twin(gl_context: moderngl.Context, rng: np.random.G
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("clipping", [False, True])
 @pytest.mark.parametrize("compensate", [False, True])
-def test_every_view_equals_its_twin(
+def test_every_view_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str, clipping: bool, compensate: bool
 ) -> None:
     physical = physical_room(rng).room
@@ -170,7 +170,7 @@ def test_every_view_equals_its_twin(
         assert np.any(np.abs(gl.linear() - mapped) > 0.05) == shown
 
 
-def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_frames_in_a_row_match_the_reference(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     """Adaptation and damping continue between frames and restart at a cut. A frame drawn again stays the same."""
     first, other = (rng.integers(0, 200, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     shown = [first, first // 2 + 60, first // 2 + 60, other, other + 20, other]
@@ -192,7 +192,9 @@ def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np
     assert np.abs(drives[2] - drives[1]).max() > 1e-2  # still adapting
 
 
-def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_the_adaptation_of_a_large_view_matches_the_reference(
+    gl_context: moderngl.Context, rng: np.random.Generator
+) -> None:
     """The view has more pixels than samples and a size that tiles do not divide.
 
     Adaptation runs from frame to frame.
@@ -333,7 +335,7 @@ def test_frames_allocate_nothing_whatever_is_on(gl_context: moderngl.Context, rn
 
 
 @pytest.mark.parametrize("name", ["neutral", "pinned", "mirrored", "everything"])
-def test_a_picture_on_the_screen_of_two_cameras_equals_its_twin(
+def test_a_picture_on_the_screen_of_two_cameras_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, name: str
 ) -> None:
     physical = physical_room(rng).room

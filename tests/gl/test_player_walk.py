@@ -113,7 +113,7 @@ def arrival(words: str) -> Callable[[State, State], bool]:
         if name == "set":
             return lambda before, after: after[rest[0]] is False
         return lambda before, after: bool(after[rest[0]] != before[rest[0]])
-    told = {
+    patterns = {
         "seek": r"\d:\d\d:\d\d / ",
         "show-progress": r"\d:\d\d:\d\d / ",
         "ab-loop": "A-B loop",
@@ -124,8 +124,8 @@ def arrival(words: str) -> Callable[[State, State], bool]:
         "playlist-next": "^[12]/2 ",
         "playlist-prev": "^[12]/2 ",
     }
-    if name in told:
-        return lambda before, after: re.search(told[name], after["message"]) is not None
+    if name in patterns:
+        return lambda before, after: re.search(patterns[name], after["message"]) is not None
     if name == "show-keys":
         return lambda before, after: bool(after["help"])
     if name.startswith("frame"):

@@ -29,7 +29,7 @@ def pictures(rng: np.random.Generator, *names: str) -> dict[str, np.ndarray]:
     return {name: rng.uniform(-1, 2, (*SHAPE, 3)).astype(np.float32) for name in names}
 
 
-def test_combine_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_combine_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     inputs = pictures(rng, "first", "second")
     for clamp in (False, True):
         made = Combine(*inputs.values(), -0.75, clamp)
@@ -38,7 +38,7 @@ def test_combine_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Ge
             np.testing.assert_allclose(result, expected, atol=1e-6)  # float32
 
 
-def test_a_step_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_a_step_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     inputs = pictures(rng, "descent", "y", "p", "step_size")
     prior = a_prior(rng)
     inputs["step_size"] = np.where(rng.uniform(size=(*SHAPE, 3)) < 0.3, 0, np.abs(inputs["step_size"]))
@@ -61,7 +61,7 @@ def test_a_step_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Gen
         np.testing.assert_allclose(cpu, formula, atol=1e-5)
 
 
-def test_the_gap_and_the_error_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_the_gap_and_the_error_match_the_reference(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     inputs = pictures(rng, "descent", "p")
     inputs["p"] = np.clip(inputs["p"], 0, 1)
     result = on_gpu(gl_context, Gap(**inputs), SHAPE)
@@ -74,7 +74,7 @@ def test_the_gap_and_the_error_equal_their_twins(gl_context: moderngl.Context, r
         np.testing.assert_allclose(result, CpuCanvas(SHAPE).draw(made), atol=4e-6)  # float32, up to 8
 
 
-def test_the_slope_beside_a_prior_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_the_slope_beside_a_prior_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     inputs, prior = pictures(rng, "descent", "y"), a_prior(rng)
     made = Slope(**inputs, prior=Ties(**vars(prior)))
     result = on_gpu(gl_context, made, SHAPE)
@@ -82,7 +82,7 @@ def test_the_slope_beside_a_prior_equals_its_twin(gl_context: moderngl.Context, 
 
 
 @pytest.mark.parametrize("steps", [0, 3])
-def test_what_the_room_alone_makes_too_bright_is_told_and_not_asked_for(
+def test_what_the_room_alone_makes_too_bright_is_reported_and_not_asked_for(
     gl_context: moderngl.Context, rng: np.random.Generator, steps: int
 ) -> None:
     room = physical_room(rng).room
@@ -114,7 +114,7 @@ def seen(
 
 
 @pytest.mark.parametrize("side", [2, 5, 16, 64])
-def test_a_block_sum_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, side: int) -> None:
+def test_a_block_sum_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator, side: int) -> None:
     inputs = pictures(rng, "source")
     shape = -(-SHAPE[0] // side), -(-SHAPE[1] // side)
     result = on_gpu(gl_context, BlockSum(inputs["source"], side), shape)
@@ -136,7 +136,7 @@ def letters(rng: np.random.Generator) -> Frame:
 
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("far", [False, True])
-def test_the_drive_equals_its_twin_after_any_steps(
+def test_the_drive_matches_the_reference_after_any_steps(
     gl_context: moderngl.Context, rng: np.random.Generator, far: bool, start: str
 ) -> None:
     room, frame = physical_room(rng, far=far, start=start).room, letters(rng)
@@ -155,7 +155,7 @@ def test_the_drive_equals_its_twin_after_any_steps(
 
 
 @pytest.mark.parametrize("steps", [0, 3])
-def test_what_is_read_back_for_an_estimate_equals_its_twin(
+def test_what_is_read_back_for_an_estimate_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, steps: int
 ) -> None:
     with both(gl_context, physical_room(rng).room, letters(rng)) as (gl, cpu):
@@ -190,7 +190,9 @@ def test_another_start_begins_with_the_next_frame(gl_context: moderngl.Context, 
 
 
 @pytest.mark.parametrize("start", ["previous", "previous-direct"])
-def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator, start: str) -> None:
+def test_frames_in_a_row_match_the_reference(
+    gl_context: moderngl.Context, rng: np.random.Generator, start: str
+) -> None:
     """Two similar frames, a cut, a frame without refinement, and a frame after it."""
     scene, other = (rng.integers(0, 255, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     darker = (scene * 0.95).astype(np.uint8)

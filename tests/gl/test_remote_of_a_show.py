@@ -54,11 +54,11 @@ def test_the_page_needs_no_token_and_says_nothing_and_everything_else_is_refused
         assert visitor.get("pause") is False
 
 
-def test_what_a_visitor_asks_is_done_and_all_are_told_what_changes(xvfb: str, small_room: Path, folder: Path) -> None:
+def test_what_a_visitor_asks_is_done_and_all_learn_what_changes(xvfb: str, small_room: Path, folder: Path) -> None:
     with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place):
         with place.visit() as one, place.visit() as other:
             other.hear_until(lambda: "late-frames" in other.values)
-            known = next(told for told in other.events if told["event"] == "known")
+            known = next(answered for answered in other.events if answered["event"] == "known")
             assert known["properties"]["brightness"]["min"] == -100
             assert known["properties"]["view"]["choices"][0] == "projector"
             assert set(known["commands"]) == set(commands())
@@ -306,8 +306,8 @@ def test_osc_commands_the_show_and_is_answered(xvfb: str, small_room: Path, fold
             ("/elsewhere", [], "expected /counterlight/"),
         ):
             send(address, *arguments)
-            told, (text,) = answer()
-            assert told == "/counterlight/error"
+            answered, (text,) = answer()
+            assert answered == "/counterlight/error"
             assert says in str(text)
         for size in range(2000):
             desk.send(os.urandom(size % 200))
@@ -330,9 +330,9 @@ def test_where_the_page_is_is_printed_and_what_stands_in_the_way_is_one_line(
 ) -> None:
     state = {"XDG_STATE_HOME": str(folder)}
     with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--frames", "50") as (process, place):
-        told = printed_address(process.communicate(timeout=PATIENCE_S)[0])
-        assert told is not None
-        assert told.groups() == (str(place.port), place.token)
+        answered = printed_address(process.communicate(timeout=PATIENCE_S)[0])
+        assert answered is not None
+        assert answered.groups() == (str(place.port), place.token)
     words = small_room, folder / "clip.mkv", "--no-config"
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -48,7 +48,7 @@ def upload(context: moderngl.Context, picture: np.ndarray) -> moderngl.Texture:
 
 @pytest.mark.parametrize("combine", ["", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP"])
 @pytest.mark.parametrize(("output", "source"), [((7, 13), (11, 17)), ((19, 3), (2, 31)), ((1, 6), (11, 17))])
-def test_a_row_map_equals_its_twin(
+def test_a_row_map_matches_the_reference(
     gl_context: moderngl.Context,
     rng: np.random.Generator,
     combine: str,
@@ -130,7 +130,7 @@ def test_indices_are_exact_up_to_the_last_source_pixel(gl_context: moderngl.Cont
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("view", ["projector", "camera", "split"])
 @pytest.mark.parametrize("compensate", [False, True])
-def test_every_view_equals_its_twin(
+def test_every_view_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, far: bool, view: str, compensate: bool
 ) -> None:
     room, frame = random_room(rng, far=far), yuv_frame(rng, (9, 15))
@@ -172,7 +172,7 @@ def test_the_corrected_drive_follows_the_equation(gl_context: moderngl.Context, 
         {"transfer": "gamma28"},
     ],
 )
-def test_every_pixel_format_equals_its_twin(
+def test_every_pixel_format_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, changes: dict[str, object]
 ) -> None:
     room, frame = random_room(rng, far=False), yuv_frame(rng, (9, 15), **changes)
@@ -198,7 +198,7 @@ def test_stored_codes_become_the_light_that_the_standards_say(gl_context: modern
     ("dither", "response", "bits"),
     [("ordered", "srgb", 8), ("noise", "linear", 8), ("none", "2.2", 8), ("ordered", "2.2", 10), ("none", "srgb", 10)],
 )
-def test_encoding_equals_its_twin(
+def test_encoding_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, dither: str, response: str, bits: int
 ) -> None:
     light = rng.uniform(-0.2, 1.3, (17, 23, 3)).astype(np.float32)
@@ -244,7 +244,7 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
         np.testing.assert_array_equal(np.flatnonzero(other), np.arange(first, last))
 
 
-def test_projectors_in_two_rows_are_encoded_as_the_twin_does(
+def test_projectors_in_two_rows_are_encoded_as_by_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator
 ) -> None:
     drive = rng.uniform(0, 1, (10, 13, 3)).astype(np.float32)

@@ -8,39 +8,23 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.gl.gpu_maps import WordBuffers, WordTextures
-from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
 from counterlight.gl.renderer import GlRenderer
 from counterlight.maps.small_map import SmallMap
 from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.device import GpuPath, Owner
+from counterlight.pipeline.device import GpuPath
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from tests.refined_rooms import physical_room
-from tests.renderers import read
+from tests.renderers import multiply
 from tests.rooms import CAMERA
 from tests.small_rooms import as_long, random_small, with_words
 
 ATOL = 1e-5  # float32 sums of at most 300 terms below 1, as in test_paths
 STORES = {"fragment": WordTextures, "compute": WordBuffers}
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL", "CLAMP")
-
-
-def multiply(
-    context: moderngl.Context, small: SmallMap, path: str, picture: np.ndarray, base: np.ndarray, combine: str
-) -> np.ndarray:
-    owner = Owner()
-    stored = owner.own(STORES[path](context, WordMap.of(small)))
-    product = owner.own(stored.product(combine))
-    inputs = [
-        owner.own(picture_texture(context, each))
-        for each in ((picture,) if combine in ("", "CLAMP") else (picture, base))
-    ]
-    result = read(product.run(*inputs)).copy()
-    owner.release()
-    return result
 
 
 def combined(small: SmallMap, picture: np.ndarray, base: np.ndarray, combine: str) -> np.ndarray:
@@ -59,7 +43,7 @@ def combined(small: SmallMap, picture: np.ndarray, base: np.ndarray, combine: st
 @pytest.mark.parametrize("combine", COMBINES)
 @pytest.mark.parametrize(("output", "source"), [((7, 13), (11, 17)), ((19, 3), (200, 131)), ((1, 6), (41, 17))])
 @pytest.mark.parametrize("longest", [1, 20, 300])
-def test_a_product_equals_its_twin(
+def test_a_product_matches_the_reference(
     gl_context: moderngl.Context,
     rng: np.random.Generator,
     path: str,
@@ -72,7 +56,8 @@ def test_a_product_equals_its_twin(
     small = random_small(rng, output, source, longest=longest, trusted=True)
     picture = rng.uniform(-1, 1, (*source, 3)).astype(np.float32)
     base = rng.uniform(-1, 1, (*output, 3)).astype(np.float32)
-    result = multiply(gl_context, small, path, picture, base, combine)
+    stored = STORES[path](gl_context, WordMap.of(small))
+    result = multiply(gl_context, stored, picture, None if combine in ("", "CLAMP") else base, combine)
     expected = combined(small, picture, base, combine)
     if combine == "WEIGHED_RESIDUAL":  # no word states a trust of 0, so the transpose has no such entries
         result, expected = (light[small.trust.reshape(output) > 0] for light in (result, expected))  # type: ignore[union-attr]
@@ -88,16 +73,16 @@ def test_no_row_reads_another_pixel(gl_context: moderngl.Context, rng: np.random
     base = np.zeros((10, 15, 3), np.float32)
     assert (np.diff(small.indptr) == 0).any()
     assert np.isinf(picture).any()
-    result = multiply(gl_context, small, path, picture.reshape(20, 30, 3), base, "")
+    result = multiply(gl_context, STORES[path](gl_context, WordMap.of(small)), picture.reshape(20, 30, 3))
     finite = np.where(np.isinf(picture), 0, picture).reshape(20, 30, 3)
     np.testing.assert_allclose(result, combined(small, finite, base, ""), atol=ATOL)
 
 
 def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> Iterator[AnyRenderer]:
     """Yield the room rendered from words, then from equal 16-byte entries on the CPU, both after `steps` steps."""
-    twin = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
+    long_room = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
     frame = radiance_frame(np.random.default_rng(5).choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
-    for renderer in (GlRenderer(context, room, GpuPath(path, "words")), CpuRenderer(twin)):
+    for renderer in (GlRenderer(context, room, GpuPath(path, "words")), CpuRenderer(long_room)):
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("projector", compensate=True, steps=steps)
@@ -108,17 +93,17 @@ def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> It
 @pytest.mark.parametrize("path", STORES)
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("steps", [1, 5, 50])
-def test_refined_drives_equal_their_twin(
+def test_refined_drives_match_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, path: str, far: bool, steps: int
 ) -> None:
     room = with_words(physical_room(rng, far=far, start="grey").room)
     found = [(each.linear(), each.certificate(), each.path) for each in rendered(gl_context, room, path, steps)]
-    (drive, certificate, report), (expected, of_twin, _) = found
+    (drive, certificate, report), (expected, on_cpu, _) = found
     np.testing.assert_allclose(drive, expected, atol=ATOL)
     assert certificate is not None
-    assert of_twin is not None
-    np.testing.assert_allclose(certificate.squared_error, of_twin.squared_error, rtol=1e-4)  # float32
-    np.testing.assert_allclose(certificate.gap, of_twin.gap, rtol=1e-3, atol=1e-5)
+    assert on_cpu is not None
+    np.testing.assert_allclose(certificate.squared_error, on_cpu.squared_error, rtol=1e-4)  # float32
+    np.testing.assert_allclose(certificate.gap, on_cpu.gap, rtol=1e-3, atol=1e-5)
     assert report.light_bytes is not None
     assert 4 <= report.light_bytes < 8
 

@@ -14,7 +14,7 @@ from tests.viewed_rooms import as_set, letters, two_views
 ATOL = 1e-5  # float32 sums, a few steps
 
 
-def test_one_over_a_picture_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+def test_one_over_a_picture_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     picture = rng.uniform(0, 3, (11, 5, 3)).astype(np.float32) * (rng.uniform(size=(11, 5, 3)) < 0.7)
     found = on_gpu(gl_context, Inverse(picture), (11, 5))
     np.testing.assert_allclose(found, CpuCanvas((11, 5)).draw(Inverse(picture)), rtol=1e-6)  # a division in float32

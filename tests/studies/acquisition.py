@@ -229,8 +229,8 @@ def study(place: StudyRoom, size: str, known: Collection[str]) -> Iterator[Row]:
         seconds = time.perf_counter() - start
         transport = done.measured.transport
         fine, smooth = (place.compensated(transport, done.room.black, detail) for detail in DETAILS)
-        error, told = relative_error(transport, room.transport), done.check.error
-        yield Row(room.name, size, name, done.pictures, shots * done.pictures, seconds, error, fine, smooth, told)
+        error, estimated = relative_error(transport, room.transport), done.check.error
+        yield Row(room.name, size, name, done.pictures, shots * done.pictures, seconds, error, fine, smooth, estimated)
 
 
 def read_rows() -> list[Row]:

@@ -86,9 +86,9 @@ def main() -> None:
                         done = acquired(rig, SCHEMES[scheme], averaged=averaged)
                         error = 100 * error_of(done.measured.transport, rig)
                     chosen = done.averaged
-                    told = (f"{chosen.most}", f"{100 * chosen.error:.2f} %") if chosen else ("1", "")
-                    cells = name, f"{electrons:.0f}", scheme, way, done.pictures, done.exposures, told[0]
-                    print("|", " | ".join(map(str, (*cells, f"{error:.2f} %", told[1]))), "|", flush=True)
+                    cut = (f"{chosen.most}", f"{100 * chosen.error:.2f} %") if chosen else ("1", "")
+                    cells = name, f"{electrons:.0f}", scheme, way, done.pictures, done.exposures, cut[0]
+                    print("|", " | ".join(map(str, (*cells, f"{error:.2f} %", cut[1]))), "|", flush=True)
 
 
 if __name__ == "__main__":

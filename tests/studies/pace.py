@@ -68,8 +68,8 @@ def acquire(room: Path, folder: Path, options: Sequence[str]) -> None:
     captures = list((folder / "room.captures").rglob("*.png"))
     size = sum(path.stat().st_size for path in captures)
     print(f"exit code {code}: {len(captures)} exposures, {end_s / 60:.1f} minutes, {size / 1e6:.0f} MB")
-    told = [(at, left) for at, line in said.lines if (left := seconds_left(line)) is not None]
-    off = [(at + left) / end_s - 1 for at, left in told if at >= FROM_S]
+    estimates = [(at, left) for at, line in said.lines if (left := seconds_left(line)) is not None]
+    off = [(at + left) / end_s - 1 for at, left in estimates if at >= FROM_S]
     print(f"{len(off)} estimates after the first minute: the whole time is off by {min(off):+.0%} to {max(off):+.0%}")
 
 

@@ -71,9 +71,9 @@ def main() -> None:
             found[f"swapped: {what}"].append(ratio(rows(smooth(rng, camera, projector)), *given))
     print("| random rooms | largest ratio | least ratio | rooms with a smooth other reading |\n|---|---|---|---|")
     for kind, ratios in found.items():
-        told = [each for each in ratios if not np.isnan(each)]
-        span = f"{max(told):.1f} | {min(told):.1f}" if told else "- | -"
-        print(f"| {kind} | {span} | {len(told)} of {len(ratios)} |")
+        finite = [each for each in ratios if not np.isnan(each)]
+        span = f"{max(finite):.1f} | {min(finite):.1f}" if finite else "- | -"
+        print(f"| {kind} | {span} | {len(finite)} of {len(ratios)} |")
     print(
         "\n| shipped scene | camera, projector | right | camera swapped | projector swapped | both |\n"
         "|---|---|---|---|---|---|"

@@ -45,9 +45,9 @@ def surface(scene: Scene, number: int | None) -> BoolArray:
 
 
 def row(name: str, ways: Ways, way: Way, where: BoolArray) -> str:
-    told = ways.first == 1 + WAYS.index(way)
-    of, beside = (100 * np.mean(told[each & ways.lit]) if (each & ways.lit).any() else 0.0 for each in (where, ~where))
-    others = 100 * np.mean((ways.first > 0) & ~told)
+    found = ways.first == 1 + WAYS.index(way)
+    of, beside = (100 * np.mean(found[each & ways.lit]) if (each & ways.lit).any() else 0.0 for each in (where, ~where))
+    others = 100 * np.mean((ways.first > 0) & ~found)
     share = 100 * np.mean(ways.shares[WAYS.index(way)][ways.lit])
     return f"| `{name}` | {way.name} | {of:.0f} % | {beside:.0f} % | {others:.0f} % | {share:.0f} % |"
 

@@ -116,13 +116,13 @@ def acquire(
         part.expected, part.others = expected[number - 1], tuple(chain(*expected[number:]))
     whites = [part.in_raster(np.ones(part.projector, np.bool_)) for part in parts]
     shown = [np.zeros(raster, np.bool_), *whites] * REPEATS
-    first, told = len(shown), [[part.in_raster(each) for each in _told_first(part)] for part in parts]
+    first, early = len(shown), [[part.in_raster(each) for each in _early_pictures(part)] for part in parts]
     later = tuple(chain(*expected))
-    captures = recorder.capture(Level("black and floodlight", [*shown, *chain(*told)], later))
+    captures = recorder.capture(Level("black and floodlight", [*shown, *chain(*early)], later))
     curve = _measured_curve(camera, store, captures, parts[0], (first, len(parts)))
     rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
     averagings = list[Averaging | None]()
-    for part, room, pictures in zip(parts, rooms, told, strict=True):
+    for part, room, pictures in zip(parts, rooms, early, strict=True):
         seen = [capture.astype(np.float64) for capture in captures[first : first + len(pictures)]]
         first += len(pictures)
         if seen:
@@ -172,7 +172,7 @@ def _measured_curve(
     return found
 
 
-def _told_first(part: Part) -> list[Picture]:
+def _early_pictures(part: Part) -> list[Picture]:
     """Pictures shown with black and floodlight: they test whether the camera is linear and how noise affects T."""
     if not part.halves:
         return []

@@ -31,7 +31,7 @@ from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.factoring.factoring import Factoring, compacted, factored
-from counterlight.tools.joining.projectors import joined, told_colours, with_monitors
+from counterlight.tools.joining.projectors import colour_lines, joined, with_monitors
 from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.solve.box import CHECK_EVERY, Box
 from counterlight.tools.transport.mask import directly_lit
@@ -148,8 +148,8 @@ def _together(parts: Sequence[_Part], monitors: Sequence[str], cameras: Shapes) 
     if len(parts) > 1:
         names = [f"projector {number}" for number in range(1, len(parts) + 1)]
         room, transport = joined([part.room for part in parts], [part.transport for part in parts], names)
-        told = "; ".join(f"{name}: {part.room.provenance}" for name, part in zip(names, parts, strict=True))
-        room = replace(room, provenance=told, projectors=with_monitors(room.projectors, monitors))
+        provenances = "; ".join(f"{name}: {part.room.provenance}" for name, part in zip(names, parts, strict=True))
+        room = replace(room, provenance=provenances, projectors=with_monitors(room.projectors, monitors))
     return on_one_screen(room, transport, cameras) if cameras else SharedRoom(room, transport)
 
 
@@ -188,7 +188,7 @@ def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -
         clusters=find_clusters(luminance_matrix(transport.near)),
         outside=_light_outside(room, transport),
         black=_black(room, transport) if len(parts) > 1 else None,
-        colours=tuple(told_colours(room.projectors)),
+        colours=tuple(colour_lines(room.projectors)),
         placed=found.placed,
     )
 

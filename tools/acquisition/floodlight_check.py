@@ -144,8 +144,8 @@ class Looked:
         known, shape = self.known, self.known.room.camera.shape
         lights = [luminance(gain * light) for gain, light in zip(gains, known.of_projectors, strict=True)]
         before, after = np.asarray(sum(lights)), luminance(self.after)
-        told = (self.usable & self._of_asked).ravel() & lit(after) & (sum(known.shares) <= INNER)
-        alone = told & (np.max(lights, axis=0) >= OWN * before) & (before > 0)
+        judged = (self.usable & self._of_asked).ravel() & lit(after) & (sum(known.shares) <= INNER)
+        alone = judged & (np.max(lights, axis=0) >= OWN * before) & (before > 0)
         share = np.clip(before[alone] / after[alone], LEAST_SHARE, 1)
         surely = 1 - share > np.maximum(SHARED, SURE * self._unsure(alone) / after[alone])
         result = np.ones(before.size, np.float32)

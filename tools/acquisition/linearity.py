@@ -59,7 +59,7 @@ class Bend:
         """Whether the camera may have a curve, even a weak one."""
         return abs(self.amount) > max(SUSPECT + SURELY * self.deviation, SCATTERED * self.scatter)
 
-    def told(self, response: Response = LINEAR, *, measured: bool = False) -> str:
+    def described(self, response: Response = LINEAR, *, measured: bool = False) -> str:
         """Returns the fault and its remedy.
 
         response : the response given for the camera.
@@ -178,6 +178,5 @@ def refuse_bends(camera: Camera, bends: Sequence[Bend | None], name: str = "", *
     for number, bend in enumerate(bends, 1):
         if bend is not None and not bend.is_linear:
             who = f"{name}camera {number}: " if len(bends) > 1 else name
-            raise InputError(
-                f"{who}light does not add up in the captures: {bend.told(camera.exposures.response, measured=measured)}"
-            )
+            bending = bend.described(camera.exposures.response, measured=measured)
+            raise InputError(f"{who}light does not add up in the captures: {bending}")

@@ -246,7 +246,7 @@ def linearity(rig: _Rig) -> Finding:
             "whole: the camera has a curve, which the acquisition measures",
         )  # fmt: skip
     if not worst.is_linear:
-        return Finding("linearity", "bad", worst.told(rig.camera.exposures.response))
+        return Finding("linearity", "bad", worst.described(rig.camera.exposures.response))
     return Finding("linearity", "good", f"the camera is linear to {100 * abs(worst.amount):.1f} %")
 
 

@@ -118,15 +118,15 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
         own[code] = [template.share(light) for template, light in zip(templates, lights, strict=True)]
         whole[code] = [white.share(light) for light in lights]
         added[code] = parts.shares(lights[0] - sum(lights[1:]))
-    told = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # an unseen primary is taken as grey
-    fitted = fit_projector_response(CODES / 255.0, own[:, told], np.where(np.isin(CODES, INNER), 1, REPEATS))
+    chosen = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # an unseen primary is taken as grey
+    fitted = fit_projector_response(CODES / 255.0, own[:, chosen], np.where(np.isin(CODES, INNER), 1, REPEATS))
     unadded, noise = whole[:, 0] - whole[:, 1:].sum(axis=1), 2 * white.noise  # noise of four captures
     return ProjectorLight(
         fitted.response,
         fitted.gammas,
         np.stack(primaries).reshape(3, *room.black.shape).astype(np.float32),
         fitted.pooled,
-        max(templates[colour].noise for colour in told),
+        max(templates[colour].noise for colour in chosen),
         unadded,
         noise,
         None if _adds_up(unadded, noise) else _segment(fitted.response, added),

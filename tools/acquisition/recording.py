@@ -143,7 +143,7 @@ class Recorder:
         start_s = self._clock()
         self._camera.prepare(first, shown, missing)
         waited_s = (self._clock() - start_s) / max(len(missing), 1)
-        for number in self._told(level, repeats, missing):
+        for number in self._tracked(level, repeats, missing):
             if number == INTRODUCED:
                 self._introduce(level)
             self._take(number, shown[number - first], waited_s)
@@ -219,7 +219,7 @@ class Recorder:
             print(said, file=sys.stderr, flush=True)
         return repeats
 
-    def _told(self, level: Level, repeats: int, missing: Sequence[int]) -> Iterator[int]:
+    def _tracked(self, level: Level, repeats: int, missing: Sequence[int]) -> Iterator[int]:
         """Yield `missing` with progress: a bar on a terminal, otherwise an occasional line."""
         bar = progress_bar(level.name, len(missing)) if sys.stderr.isatty() else None
         for done, number in enumerate(missing):

@@ -225,8 +225,8 @@ class _Problem:
 
 def _gain(seen: FloatArray, predicted: FloatArray) -> float:
     """Returns the median gain, which a person in the light does not change; 1 if no pixel is bright enough."""
-    told = predicted > TELLS * max(float(predicted.max()), 0.0)
-    return float(np.median(seen[told] / predicted[told])) if told.any() else 1.0
+    clear = predicted > TELLS * max(float(predicted.max()), 0.0)
+    return float(np.median(seen[clear] / predicted[clear])) if clear.any() else 1.0
 
 
 def lit(flood: FloatArray) -> BoolArray:

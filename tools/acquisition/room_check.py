@@ -136,7 +136,7 @@ class _Check:
             except InputError as error:
                 return self._lost(f"{name}: {error}")
             pictures.append(moved)
-            said += _told(name, moved, device)
+            said += _lines(name, moved, device)
         old, new, other = self._looked.room_light
         if other:
             said.append(f"the room's light is {new:.2%} of white, was {old:.2%}")
@@ -162,7 +162,7 @@ def _moved(found: Registration, device: Device, white: FloatArray) -> Moved:
     return Moved(found.moved.to_raster if far > still else np.eye(3), gain if dimmed else np.ones(3))
 
 
-def _told(name: str, moved: Moved, device: Device) -> list[str]:
+def _lines(name: str, moved: Moved, device: Device) -> list[str]:
     said, far = [], _farthest(moved, device)
     if far > 0:
         right, down = moved.at_corners(device)[0]

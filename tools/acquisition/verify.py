@@ -52,9 +52,9 @@ class Verified:
 
     def __str__(self) -> str:
         lines = [
-            f"round {self.round}: {_told(self.predicted_psnr, self.measured_psnr, self.model_psnr)}",
+            f"round {self.round}: {_in_words(self.predicted_psnr, self.measured_psnr, self.model_psnr)}",
             f"  {self.certificate}",
-            *(f"  camera {number}: {_told(*figures)}" for number, figures in self.cameras.items()),
+            *(f"  camera {number}: {_in_words(*figures)}" for number, figures in self.cameras.items()),
         ]
         return "\n".join(lines)
 
@@ -70,7 +70,7 @@ class Verified:
         )
 
 
-def _told(predicted: float, measured: float, model: float) -> str:
+def _in_words(predicted: float, measured: float, model: float) -> str:
     return (
         f"predicted {predicted:.2f} dB, measured {measured:.2f} dB; the capture agrees with the prediction to "
         f"{model:.2f} dB"
@@ -123,7 +123,7 @@ class Verification:
         ambient = stored.calibration.ambient if drift.ambient is None else drift.ambient
         self._photographer, self._room, self._drift = photographer, replace(stored.calibration, ambient=ambient), drift
         self._cameras = {number: self._room.pixels_of(number - 1) for number, ask in enumerate(asked, 1) if ask}
-        self._told: BoolArray = np.any(list(self._cameras.values()), axis=0)
+        self._seen: BoolArray = np.any(list(self._cameras.values()), axis=0)
         self._T_pinv = wanted.T_pinv
         self.tier = replace(wanted.tier, calibration=self._room)
         mixing = self.tier.mixing if drift.share is None else self.tier.mixing.shared(drift.share)
@@ -151,11 +151,11 @@ class Verification:
             codes = self._codes(drive)
             predicted = self._now.seen(self._arriving(codes))
             captured = np.asarray(self.tier.mixing.on_screen(self._photographer.mean(codes, repeats)), np.float64)
-            figures = self._figures(predicted, captured, self._told)
+            figures = self._figures(predicted, captured, self._seen)
             several = self._cameras if len(self._room.cameras) > 1 else {}
             cameras = {number: self._figures(predicted, captured, pixels) for number, pixels in several.items()}
             yield Verified(index, *figures, certificate, codes, predicted, captured, cameras)
-            target = self.desired - np.where(self._told[..., None], captured - predicted, 0)
+            target = self.desired - np.where(self._seen[..., None], captured - predicted, 0)
 
     def _figures(self, predicted: FloatArray, captured: FloatArray, pixels: BoolArray) -> Figures:
         """Returns the figures of some pixels inside the mask."""

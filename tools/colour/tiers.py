@@ -113,7 +113,7 @@ def _neutral(calibration: Calibration) -> tuple[FloatArray, str]:
         return np.eye(3), "the calibration holds no floodlights of the primaries"
     neutral = neutral_mixing(calibration.primaries, calibration.mask)
     if not invertible(neutral):
-        return np.eye(3), "its floodlights of the primaries cannot be told apart"
+        return np.eye(3), "its floodlights of the primaries cannot be distinguished"
     return neutral, ""
 
 

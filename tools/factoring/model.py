@@ -175,8 +175,8 @@ def fitted(rows: Rows, cells: tuple[int, int], limit: float) -> Model:
 def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns Aᵀ far B, F and G of the far light, as the present model separates it from near light."""
     entries = passes.operands(rows.near)
-    told = rows.apart, rows.relative, model.limit
-    parts, F, sent = passes.projected(*entries, *told, *model.textures, *model.grids)
+    scales = rows.apart, rows.relative, model.limit
+    parts, F, sent = passes.projected(*entries, *scales, *model.textures, *model.grids)
     mixed, G = parts.sum(axis=0), sent.sum(axis=0)
     far = rows.transport.far
     if far is not None:

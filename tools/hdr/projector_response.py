@@ -78,10 +78,10 @@ def fit_projector_response(
 
 def _exponent(codes: FloatArray, rising: FloatArray) -> float:
     """Returns the median of log light / log code; 1 if no reading is usable."""
-    told = (codes > 0) & (codes < 1) & (rising > FOLLOWED[0]) & (rising < FOLLOWED[1])
-    if not told.any():
+    inner = (codes > 0) & (codes < 1) & (rising > FOLLOWED[0]) & (rising < FOLLOWED[1])
+    if not inner.any():
         return 1.0
-    return float(np.clip(np.median(np.log(rising[told]) / np.log(codes[told])), *EXPONENTS))
+    return float(np.clip(np.median(np.log(rising[inner]) / np.log(codes[inner])), *EXPONENTS))
 
 
 def _joined(codes: FloatArray, rising: FloatArray, gamma: float) -> FloatArray:

@@ -36,14 +36,14 @@ def recover_response(
     t = (times / np.exp(np.log(times).mean()))[:, None]
     w = weights[z]
     mass = (w * t**2).sum(axis=0)
-    told = (w > 0) & (mass > 0)
-    counts = np.bincount(z[told], minlength=nodes).astype(np.float64)
+    weighed = (w > 0) & (mass > 0)
+    counts = np.bincount(z[weighed], minlength=nodes).astype(np.float64)
     seen = counts > 0
     grid, middle = np.arange(nodes), nodes // 2
     exposure = grid / middle
     for _ in range(max_rounds):
         E = np.divide((w * t * exposure[z]).sum(axis=0), mass, out=np.zeros_like(mass), where=mass > 0)
-        total = np.bincount(z[told], (t * E)[told], nodes)
+        total = np.bincount(z[weighed], (t * E)[weighed], nodes)
         updated = np.interp(grid, grid[seen], total[seen] / counts[seen])
         updated /= updated[middle]
         change = float(np.abs(updated - exposure)[seen].mean())

@@ -69,6 +69,6 @@ def summing(estimator: Estimator, shape: tuple[int, int, int], *, gpu: bool) -> 
     from counterlight.gl.context import headless_context  # imported late, because only the GPU needs OpenGL
     from counterlight.gl.exposure_sums import GlSums
 
-    told = estimator.table, shape, estimator.exponential, SLACK
-    with headless_context("leave --gpu out") as context, GlSums(context, *told) as sums:
+    parameters = estimator.table, shape, estimator.exponential, SLACK
+    with headless_context("leave --gpu out") as context, GlSums(context, *parameters) as sums:
         yield sums

@@ -1,20 +1,22 @@
 """Builds maps from a room in memory (invert, remove far light, pack), and from a calibration folder."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.jobs.workers import Workers
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import MapChain, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack, unpack
+from counterlight.raster import Region
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse import memory
-from counterlight.tools.inverse.continued import continued
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.near_light import (
     Conditions,
@@ -29,7 +31,7 @@ from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendat
 from counterlight.tools.inverse.refinement_maps import pack_chain, refinement_maps
 from counterlight.tools.inverse.super_blocks import Elsewhere
 from counterlight.tools.inverse.words_light import words_of
-from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
+from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of, owners
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
@@ -155,8 +157,8 @@ def build_maps(
         inverse = mapped_directly(objective, options)
     else:
         mask = (objective.weights > 0).reshape(camera)
-        told = calibration.regions, objective.weights, objective.prior, pictures_of(calibration)
-        inverse = invert_near_light(transport.near, mask, *common, Conditions(*told, elsewhere, entry_bytes))
+        conditions = calibration.regions, objective.weights, objective.prior, pictures_of(calibration)
+        inverse = invert_near_light(transport.near, mask, *common, Conditions(*conditions, elsewhere, entry_bytes))
     if aims.outside == "continue" and inverse.chosen != "thesis":
         inverse = continued(inverse, projector, calibration.regions)
     correction = pack(inverse.T_pinv, projector, camera)
@@ -280,3 +282,21 @@ def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
         f"{cut}{inverted}{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
         f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps{stray}"
     )
+
+
+def continued(inverse: Inverse, projector: tuple[int, int], regions: Sequence[Region]) -> Inverse:
+    """Give each unseen pixel the row of its projector's nearest seen pixel (`--outside continue`).
+
+    Steps with ties then make the result smooth.
+
+    projector : (height, width) of the raster.
+    """
+    owner, seen = owners(projector, regions), (inverse.T_pinv.lengths > 0).reshape(projector)
+    source = np.arange(owner.size).reshape(projector)
+    for number in range(int(owner.max()) + 1):
+        known, lost = (owner == number) & seen, (owner == number) & ~seen
+        if known.any():
+            y, x = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+            source[lost] = (y * projector[1] + x)[lost]
+    rows = source.ravel()
+    return replace(inverse, T_pinv=inverse.T_pinv.at(rows), truncation=inverse.truncation[rows])

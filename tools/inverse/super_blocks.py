@@ -41,14 +41,14 @@ class Elsewhere:
         """Invert all windows, as `windowed_jobs` does."""
         np.save(self.folder / REACH, truncation.reach)
         regions = np.array([tuple(region) for region in windows.regions], np.int64).reshape(-1, 4)
-        np.savez(self.folder / SHARED, member=windows.member, told=[windows.halo, windows.block], regions=regions)
+        np.savez(self.folder / SHARED, member=windows.member, sizes=[windows.halo, windows.block], regions=regions)
         groups = _super_blocks(windows)
         for number, corners in enumerate(groups):
             slices = [_slice(channel, windows, corners) for channel in channels]
             named = {f"{i}_{name}": values for i, each in enumerate(slices) for name, values in each.items()}
             np.savez(self.folder / f"{number}.npz", corners=np.array(corners, np.int64), **named)
-        told = truncation.budget, tolerance, len(channels)
-        jobs = [partial(invert_super_block, self.folder, number, *told) for number in range(len(groups))]
+        sizes = truncation.budget, tolerance, len(channels)
+        jobs = [partial(invert_super_block, self.folder, number, *sizes) for number in range(len(groups))]
         for _, pieces in track(self.workers.completed(jobs), "inverting", len(jobs)):
             yield from pieces
 
@@ -104,5 +104,5 @@ def _super_blocks(windows: Windows) -> list[list[tuple[int, int]]]:
 @lru_cache(1)
 def _windows(folder: Path) -> Windows:
     with np.load(folder / SHARED) as stored:
-        halo, block = map(int, stored["told"])
+        halo, block = map(int, stored["sizes"])
         return Windows(stored["member"], halo, block, tuple(Region(*map(int, each)) for each in stored["regions"]))

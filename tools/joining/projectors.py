@@ -61,13 +61,13 @@ def join_rooms(
     lines = [
         f"{output}: {len(joint.projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of "
         "white",
-        *told_colours(joint.projectors),
+        *colour_lines(joint.projectors),
         *(f"{folder}: {done}" for folder, done in zip(folders, factorings, strict=True) if done.losses),
     ]
     return "\n".join(lines)
 
 
-def told_colours(projectors: Sequence[Device]) -> list[str]:
+def colour_lines(projectors: Sequence[Device]) -> list[str]:
     """Return a line per projector whose primaries differ from the shared ones."""
     return [
         f"projector {number}: shows the primaries that all share by up to "

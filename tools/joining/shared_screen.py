@@ -207,14 +207,14 @@ class _Placing:
         view = self._views[number]
         self._positions[number] = positions
         self._placed.append(placed)
-        told = carried(
+        passed_on = carried(
             Csr(view.T.T), view.shape[1], np.concatenate([positions, placed.gain * view.light], axis=1), view.whole
         )
         for values, known, own in (
-            (self._place, self._placed_pixels, told.values[:, :2]),
-            (self._light, self._bright_pixels, told.values[:, 2:]),
+            (self._place, self._placed_pixels, passed_on.values[:, :2]),
+            (self._light, self._bright_pixels, passed_on.values[:, 2:]),
         ):
-            new = told.known & ~known
+            new = passed_on.known & ~known
             values[new], known[new] = own[new], True
 
     def shared(self) -> SharedRoom:
@@ -290,9 +290,11 @@ def carried(T: Csr, width: int, values: FloatArray, known: BoolArray) -> Carried
     inside = _main_footprint(rows, place, light, count)
     rows, given, light = rows[inside], T.indices[inside], light[inside]
     total = np.bincount(rows, light, count)
-    told = np.where(known[given], light, 0)
-    heard = np.bincount(rows, told, count)
-    sums = np.stack([np.bincount(rows, told * np.where(known, each, 0)[given], count) for each in values.T], axis=1)
+    known_light = np.where(known[given], light, 0)
+    heard = np.bincount(rows, known_light, count)
+    sums = np.stack(
+        [np.bincount(rows, known_light * np.where(known, each, 0)[given], count) for each in values.T], axis=1
+    )
     lit = total > FAINTEST * np.percentile(total[total > 0], BRIGHT_PERCENTILE) if total.any() else total > 0
     means = np.divide(sums, heard[:, None], out=np.zeros_like(sums), where=heard[:, None] > 0)
     return Carried(means, lit & (heard >= WHOLE * total))

@@ -71,12 +71,12 @@ def _trend(values: FloatArray, known: BoolArray) -> FloatArray:
     x, y = _positions(known)
     size = max(known.shape)
     basis = np.stack([np.ones_like(x), (x - x.flat[at].mean()) / size, (y - y.flat[at].mean()) / size], axis=-1)
-    told = values.reshape(-1, 2)[at]
-    affine, projective = (_steadily(each, basis, at, told) for each in (_affine, _projective))
+    targets = values.reshape(-1, 2)[at]
+    affine, projective = (_steadily(each, basis, at, targets) for each in (_affine, _projective))
     assert affine is not None
     if projective is None:
         return affine
-    bent, flat = (float(np.median(_lengths(trend.reshape(-1, 2)[at] - told))) for trend in (projective, affine))
+    bent, flat = (float(np.median(_lengths(trend.reshape(-1, 2)[at] - targets))) for trend in (projective, affine))
     return projective if bent < WORTH * flat else affine
 
 
@@ -84,27 +84,27 @@ def _steadily(
     fit: Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray | None],
     basis: FloatArray,
     at: IntArray,
-    told: FloatArray,
+    targets: FloatArray,
 ) -> FloatArray | None:
     """Return a robust fit, in which distant values count little."""
     heavy = np.ones((at.size, 1))
     for _ in range(REWEIGHTED):
-        found = fit(basis, basis.reshape(-1, 3)[at], told, heavy)
+        found = fit(basis, basis.reshape(-1, 3)[at], targets, heavy)
         if found is None:
             return None
-        away = _lengths(found.reshape(-1, 2)[at] - told)
+        away = _lengths(found.reshape(-1, 2)[at] - targets)
         heavy = 1 / (1 + (away / max(USUAL / 2 * float(np.median(away)), LEAST)) ** 2)[:, None]
     return found
 
 
-def _affine(basis: FloatArray, some: FloatArray, told: FloatArray, heavy: FloatArray) -> FloatArray:
-    return np.asarray(basis @ np.linalg.lstsq(some * heavy, told * heavy)[0])
+def _affine(basis: FloatArray, some: FloatArray, targets: FloatArray, heavy: FloatArray) -> FloatArray:
+    return np.asarray(basis @ np.linalg.lstsq(some * heavy, targets * heavy)[0])
 
 
-def _projective(basis: FloatArray, some: FloatArray, told: FloatArray, heavy: FloatArray) -> FloatArray | None:
+def _projective(basis: FloatArray, some: FloatArray, targets: FloatArray, heavy: FloatArray) -> FloatArray | None:
     """Return the projective fit, or None if it is steeper than a camera's view of a wall."""
-    origin, zeros = told.mean(axis=0), np.zeros_like(some)
-    u, v = (told - origin).T[..., None]
+    origin, zeros = targets.mean(axis=0), np.zeros_like(some)
+    u, v = (targets - origin).T[..., None]
     equations = np.concatenate(
         [
             heavy * np.concatenate([some, zeros, -u * some[:, 1:]], axis=1),
@@ -130,13 +130,13 @@ def _local(left: FloatArray, weights: FloatArray, cell: int) -> FloatArray:
 
     basis = np.ones_like(x), x, y
     moments = np.stack([np.stack([blurred(a * b) for a in basis], axis=-1) for b in basis], axis=-1)
-    told = np.stack([np.stack([blurred(a * left[..., i]) for a in basis], axis=-1) for i in range(2)], axis=-1)
+    targets = np.stack([np.stack([blurred(a * left[..., i]) for a in basis], axis=-1) for i in range(2)], axis=-1)
     # Convert from cells to units of the Gaussian's width around each cell's centre, in which the ridges are defined.
     about = np.broadcast_to(np.diag([1, 1 / WIDTH, 1 / WIDTH]), moments.shape).copy()
     middles = np.mgrid[: shape[0], : shape[1]].reshape(2, -1) + 0.5
     about[:, 1, 0], about[:, 2, 0] = -middles[1] / WIDTH, -middles[0] / WIDTH
     moments = about @ moments @ about.transpose(0, 2, 1) + np.diag([CONSTANT_RIDGE, SLOPE_RIDGE, SLOPE_RIDGE])
-    fits = np.linalg.solve(moments, about @ told)[:, 0].reshape(*shape, 2)
+    fits = np.linalg.solve(moments, about @ targets)[:, 0].reshape(*shape, 2)
     if cell == 1:
         return np.asarray(fits)
     places = np.stack([y - 0.5, x - 0.5])

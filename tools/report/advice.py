@@ -135,8 +135,8 @@ def _words(reason: str, way: Way, light: _Light) -> tuple[str, str]:
         case "conflict":
             return _shared_words(way, light), _sharper(way)
         case _:
-            told = np.isfinite(light.finest)
-            fine = f"stripes of less than {light.finest:.0f}" if told else f"even stripes of {PERIODS[-1]}"
+            finite = np.isfinite(light.finest)
+            fine = f"stripes of less than {light.finest:.0f}" if finite else f"even stripes of {PERIODS[-1]}"
             lost = f"{fine} projector pixels lose half of their contrast"
             return f"{lost}, which no drive gives back: {_shared_words(way, light)}", _sharper(way)
 

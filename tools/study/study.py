@@ -84,8 +84,8 @@ def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Itera
     yield f"OpenGL: {graphics()}"
     figures: list[RoomFigures] = []
     asked: list[Asked] = []
-    told = options.size, options.colour, anywhere(options.pictures), graphics()
-    sources = [RoomSource(place.absolute(), *told) for place in options.places]
+    settings = options.size, options.colour, anywhere(options.pictures), graphics()
+    sources = [RoomSource(place.absolute(), *settings) for place in options.places]
     # Here one room after another, so that each is opened once; with workers all at a time.
     for some in [sources] if workers else [[source] for source in sources]:
         for found in study_rooms(some, options.patience_s, workers or Here()):

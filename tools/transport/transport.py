@@ -310,8 +310,8 @@ def _rows(light: Light, pixels: int, shape: Shape | None) -> Light:
     expected = [(pixels, 3)] if shape is None else [(*shape, 3), (pixels, 3)]
     if light.shape not in expected:
         swapped = shape is not None and light.shape == (*shape[::-1], 3)
-        told = "width and height are swapped" if swapped else "a picture is (height, width, channel)"
-        raise InputError(f"light of shape {light.shape}, expected {' or '.join(map(str, expected))}; {told}")
+        likely = "width and height are swapped" if swapped else "a picture is (height, width, channel)"
+        raise InputError(f"light of shape {light.shape}, expected {' or '.join(map(str, expected))}; {likely}")
     return light.reshape(-1, 3)
 
 

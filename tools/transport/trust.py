@@ -227,8 +227,8 @@ def shares(near: SparseRows, calibration: Calibration) -> FloatArray:
     own, all_of_them = np.zeros(near.shape[0]), np.zeros(near.shape[0])
     for part in screen.parts:
         rows = pixels[part].ravel()
-        seen, told = (T[rows].T @ values[rows] for values in ((inner > 0).astype(np.float64), inner))
-        depth = T @ np.divide(told, seen, out=np.zeros_like(told), where=seen > 0)
+        seen, weighted = (T[rows].T @ values[rows] for values in ((inner > 0).astype(np.float64), inner))
+        depth = T @ np.divide(weighted, seen, out=np.zeros_like(weighted), where=seen > 0)
         depth = np.divide(depth, light, out=np.zeros_like(depth), where=light > 0)
         all_of_them += depth
         own[rows] = depth[rows]

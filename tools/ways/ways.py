@@ -99,8 +99,8 @@ class Ways:
 
     def finest(self, contrast: float = 0.5) -> FloatArray:
         """Returns the period of the finest stripes that keep `contrast`, in projector pixels; infinite if none do."""
-        told = self.contrast >= contrast
-        return np.where(told.any(axis=2), np.array(PERIODS, np.float64)[np.argmax(told, axis=2)], np.inf)
+        prints = self.contrast >= contrast
+        return np.where(prints.any(axis=2), np.array(PERIODS, np.float64)[np.argmax(prints, axis=2)], np.inf)
 
 
 def ways_of(calibration: Calibration, transport: Transport) -> Ways:
@@ -113,8 +113,8 @@ def ways_of(calibration: Calibration, transport: Transport) -> Ways:
     for view in calibration.views:
         rows = pixels[view]
         for region in calibration.regions:
-            told = footprints(transport, rows.ravel(), calibration.projector.width, region)
-            seen.add(view, _Seen(told, (rows.shape[0], rows.shape[1]), region.width * region.height))
+            prints = footprints(transport, rows.ravel(), calibration.projector.width, region)
+            seen.add(view, _Seen(prints, (rows.shape[0], rows.shape[1]), region.width * region.height))
     if transport.far is not None:
         seen.add_far(transport.far.apply(np.ones((transport.shape[1], 3))).reshape(*shape, 3))
     return seen.shares()
@@ -123,13 +123,15 @@ def ways_of(calibration: Calibration, transport: Transport) -> Ways:
 class _Seen:
     """One camera's pixels in one projector's light; pictures are (camera height, camera width, …)."""
 
-    def __init__(self, told: Footprints, camera: Shape, projector_pixels: int) -> None:
-        self.light, self._main, self._second = (each.reshape(camera) for each in (told.light, told.main, told.second))
-        self.strewn, self.spread = (each.reshape(*camera, 3) for each in (told.strewn, told.spread))
-        self.contrast = told.contrast.reshape(*camera, len(PERIODS))
-        self._middle, self._second_middle = (each.reshape(*camera, 2) for each in (told.middle, told.second_middle))
-        self._tails, self._count = told.tails.reshape(camera), told.count.reshape(camera)
-        self._everywhere = told.strewn_count.reshape(camera) > EVERYWHERE * projector_pixels
+    def __init__(self, prints: Footprints, camera: Shape, projector_pixels: int) -> None:
+        self.light, self._main, self._second = (
+            each.reshape(camera) for each in (prints.light, prints.main, prints.second)
+        )
+        self.strewn, self.spread = (each.reshape(*camera, 3) for each in (prints.strewn, prints.spread))
+        self.contrast = prints.contrast.reshape(*camera, len(PERIODS))
+        self._middle, self._second_middle = (each.reshape(*camera, 2) for each in (prints.middle, prints.second_middle))
+        self._tails, self._count = prints.tails.reshape(camera), prints.count.reshape(camera)
+        self._everywhere = prints.strewn_count.reshape(camera) > EVERYWHERE * projector_pixels
         self._lit = bright(self.light)
 
     def by_way(self) -> FloatArray:

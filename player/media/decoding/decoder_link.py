@@ -82,7 +82,7 @@ class DecoderLink:
         """Map the ring that the decoder has created."""
         size = slots * slot_bytes(pixels)
         if os.fstat(self._memory).st_size != size:
-            raise InputError("the decoder's ring is not of the size that it told; play the medium again")
+            raise InputError("the decoder's ring is not of the size that it announced; play the medium again")
         self._ring = mmap.mmap(self._memory, size)
         self._planes = [slot_planes(self._ring, pixels, slot) for slot in range(slots)]
 

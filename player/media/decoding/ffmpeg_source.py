@@ -78,7 +78,7 @@ class FfmpegSource:
         self.path = Path(medium.name) if medium.live() is None else medium.name
         self.notices: list[str] = []
         self._damage: InputError | None = None  # the first damage that was tolerated
-        self._told = False
+        self._reported = False
         self.end_s = 0.0
         self._picture = False
         self._origin: int | None = None
@@ -109,8 +109,8 @@ class FfmpegSource:
 
     def _news(self) -> Iterator[str]:
         """Yield a line about tolerated damage, once."""
-        if self._damage is not None and not self._told:
-            self._told = True
+        if self._damage is not None and not self._reported:
+            self._reported = True
             yield f"{str(self._damage).removesuffix(f'; {_FIX}')}; left out, as all that cannot be decoded"
 
     def _tolerate(self, damage: InputError) -> None:

@@ -16,7 +16,7 @@ from counterlight.media.medium import STEADY_S, LiveAddress, Medium
 
 RETRY_S = (0.5, 1.0, 2.0, 5.0)  # pauses between attempts to reopen; the last value repeats
 MUTE_S = 10.0  # limit without a picture among the received packets; the sender has then changed its streams
-DAMAGE_TOLD_S = 60.0  # time between two notices about damaged pictures
+DAMAGE_REPORT_S = 60.0  # time between two notices about damaged pictures
 _FIX = "check the address, and that nobody else uses the device"
 _OPTIONS = {"fflags": "nobuffer", "flags": "low_delay"}
 
@@ -26,7 +26,7 @@ class LiveSource(FfmpegSource):
 
     def __init__(self, medium: Medium, live: LiveAddress) -> None:
         self._live = live
-        self._began_s, self._told_s = time.monotonic(), float("-inf")
+        self._began_s, self._reported_s = time.monotonic(), float("-inf")
         try:
             super().__init__(medium, None, tolerant=True)
         except av.FFmpegError as error:
@@ -47,7 +47,7 @@ class LiveSource(FfmpegSource):
                     if difference := self._unlike_the_first(picture):
                         raise FormatChangedError(f"{self.path}: its pictures are {difference}")
                     if picture.corrupt:
-                        yield self._damage_told()
+                        yield self._damage_report()
                     last_s = max(time.monotonic() - self._began_s, last_s + 1e-6)
                     yield replace(picture, time_s=last_s)
                 why = "it ended"
@@ -58,11 +58,11 @@ class LiveSource(FfmpegSource):
             tries = yield from self._reconnect(tries)
             pictures = self._read()
 
-    def _damage_told(self) -> str:
+    def _damage_report(self) -> str:
         """Return a notice about damaged pictures, or "" if the last notice is recent."""
-        if time.monotonic() - self._told_s < DAMAGE_TOLD_S:
+        if time.monotonic() - self._reported_s < DAMAGE_REPORT_S:
             return ""
-        self._told_s = time.monotonic()
+        self._reported_s = time.monotonic()
         return f"{self.path}: damaged pictures are left out"
 
     def _reconnect(self, tries: int) -> Generator[str, None, int]:

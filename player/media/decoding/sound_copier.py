@@ -67,22 +67,22 @@ class _Life:
     """Sends an empty line to the parent every SIGN_EVERY_S."""
 
     def __init__(self, pipe: IO[bytes]) -> None:
-        self._pipe, self._told_s = pipe, time.monotonic()
+        self._pipe, self._signed_s = pipe, time.monotonic()
 
     def __call__(self) -> None:
-        if time.monotonic() - self._told_s > SIGN_EVERY_S:
-            self._told_s = time.monotonic()
+        if time.monotonic() - self._signed_s > SIGN_EVERY_S:
+            self._signed_s = time.monotonic()
             self._pipe.write(b"\n")
             self._pipe.flush()
 
 
 def main() -> None:
     answer = private_stdout()
-    told = json.loads(sys.stdin.buffer.readline())
+    request = json.loads(sys.stdin.buffer.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    medium, output = Medium(**told["medium"]), Path(told["output"])
+    medium, output = Medium(**request["medium"]), Path(request["output"])
     try:
-        found = {"copied": copy(medium, output, told["start_s"], _Life(answer)), "reason": ""}
+        found = {"copied": copy(medium, output, request["start_s"], _Life(answer)), "reason": ""}
     except (av.FFmpegError, InputError, OSError, ValueError) as error:
         found = {"copied": False, "reason": reason(error)}
     answer.write(json.dumps(found).encode() + b"\n")

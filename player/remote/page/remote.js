@@ -1,6 +1,6 @@
 "use strict";
 // The remote of a show. Requests and properties are those of the control socket (docs/unattended.md); which controls
-// there are stands in the page, what each takes is told by the player.
+// there are stands in the page, the player says what each takes.
 
 const PICTURE_MS = 250, DRAG_MS = 80, RETRY_MS = 1500, WINDOW_S = 10, REACH_PX = 44;
 const LATE = ["<1", "2", "4", "8", "16", "32", "64", ">64", "drop"]; // labels in ms
@@ -59,13 +59,13 @@ async function run(...command) {
 
 const set = (name, value) => run("set_property", name, value);
 
-function hear(told) {
-  if (told.event === "known") learn(told.properties);
-  else if (told.event === "properties") Object.entries(told.values).forEach(take);
-  else if (told.event === "shutdown") over = true;
-  else if (waiting.has(told.request_id)) {
-    waiting.get(told.request_id)(told);
-    waiting.delete(told.request_id);
+function hear(message) {
+  if (message.event === "known") learn(message.properties);
+  else if (message.event === "properties") Object.entries(message.values).forEach(take);
+  else if (message.event === "shutdown") over = true;
+  else if (waiting.has(message.request_id)) {
+    waiting.get(message.request_id)(message);
+    waiting.delete(message.request_id);
   }
 }
 
@@ -129,12 +129,12 @@ function range(place, info) {
   hold(slider, info.name);
   slider.oninput = () => { said.textContent = text(value(), info.unit); tell(); };
   slider.ondblclick = () => { if (info.min < 0) set(info.name, 0); };
-  return (told) => {
-    place.hidden = told === null; // no sound, say
-    words.forEach((button) => button.setAttribute("aria-pressed", button.textContent === told));
+  return (current) => {
+    place.hidden = current === null; // no sound, say
+    words.forEach((button) => button.setAttribute("aria-pressed", button.textContent === current));
     if (held.has(info.name)) return;
-    if (typeof told === "number") slider.value = at(told);
-    said.textContent = text(told, info.unit);
+    if (typeof current === "number") slider.value = at(current);
+    said.textContent = text(current, info.unit);
   };
 }
 
@@ -346,9 +346,9 @@ function weigh() {
   if (past.length && counts.some((count, index) => count < past[0].counts[index])) past = []; // another player
   past = [...past.filter(({ at }) => now - at < WINDOW_S), { at: now, counts }];
   const recent = counts.map((count, index) => count - past[0].counts[index]);
-  const told = values.recent || { shown: 0, late: 0, dropped: 0, requested: 0, fps: 0 };
-  const all = told.shown + told.dropped, behind = told.late + told.dropped;
-  const share = all ? behind / all : 0, still = !told.requested;
+  const latest = values.recent || { shown: 0, late: 0, dropped: 0, requested: 0, fps: 0 };
+  const all = latest.shown + latest.dropped, behind = latest.late + latest.dropped;
+  const share = all ? behind / all : 0, still = !latest.requested;
   if (!document.body.classList.contains("away")) {
     badge(values.pause ? "paused" : still ? "still" : share < 0.02 ? "on time" : share < 0.2 ? "late at times" : "too slow",
       values.pause || still ? "" : share < 0.02 ? "good" : share < 0.2 ? "fair" : "bad");
@@ -360,15 +360,15 @@ function weigh() {
     return make("div", { title: `${count} frames` }, bar, LATE[index]);
   }));
   $("late").ariaLabel = `Frames of the last ${WINDOW_S} s by how many milliseconds late they were: ${recent.join(", ")}`;
-  tellFacts(told, behind, all);
+  tellFacts(latest, behind, all);
 }
 
-function tellFacts(told, behind, all) {
+function tellFacts(latest, behind, all) {
   const drift = values.drift, monitor = values.monitor;
   const rows = {
-    Rate: told.requested ? `${told.fps.toFixed(1)} of ${Number(told.requested.toPrecision(3))} frames per second` : "no frame is due",
+    Rate: latest.requested ? `${latest.fps.toFixed(1)} of ${Number(latest.requested.toPrecision(3))} frames per second` : "no frame is due",
     Frames: `${values.frames} shown, ${values.dropped} dropped`,
-    "Last 10 s": `${all ? Math.round(100 * behind / all) : 0} % late or dropped (${told.dropped} dropped)`,
+    "Last 10 s": `${all ? Math.round(100 * behind / all) : 0} % late or dropped (${latest.dropped} dropped)`,
     Steps: `${values.steps}`,
     Monitor: `${monitor}${values.fullscreen ? ", full screen" : ", in a window"}`,
     Drift: values.checking ? "the room is being checked" : drift ? driftText(drift) : "nobody has checked the room",
@@ -402,14 +402,14 @@ const trends = Object.fromEntries(Object.keys(TRENDS).map((name) => {
   return [name, { line, now }];
 }));
 
-watch("watch-state", (told) => {
-  $("watch").hidden = !told;
-  if (!told) return;
-  $("watch-state").textContent = told.state;
-  $("watch-state").className = `badge ${CALM.includes(told.state) ? "good" : AT_WORK.includes(told.state) ? "fair" : "bad"}`;
-  $("watch-reason").textContent = told.reason;
+watch("watch-state", (watching) => {
+  $("watch").hidden = !watching;
+  if (!watching) return;
+  $("watch-state").textContent = watching.state;
+  $("watch-state").className = `badge ${CALM.includes(watching.state) ? "good" : AT_WORK.includes(watching.state) ? "fair" : "bad"}`;
+  $("watch-reason").textContent = watching.reason;
   Object.entries(TRENDS).forEach(([name, [, figure, said]]) => {
-    trends[name].now.textContent = typeof told[figure] === "number" ? said(told[figure]) : "";
+    trends[name].now.textContent = typeof watching[figure] === "number" ? said(watching[figure]) : "";
   });
 });
 

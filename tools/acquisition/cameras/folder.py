@@ -156,10 +156,10 @@ class FolderCamera:
 
     def _check_exposure(self, path: Path, time_s: float) -> None:
         """Raises InputError if a RAW file's exposure, relative to --exposures, differs from the first file's."""
-        told = read_exposure(path)
-        if told.time_s is None:
+        tags = read_exposure(path)
+        if tags.time_s is None:
             return
-        exposed = told.time_s * (told.iso or 1) / (told.aperture or 1) ** 2 / time_s
+        exposed = tags.time_s * (tags.iso or 1) / (tags.aperture or 1) ** 2 / time_s
         self._exposed = self._exposed or exposed
         if abs(math.log2(exposed / self._exposed)) > THIRD_STOP:
             raise InputError(

@@ -42,8 +42,8 @@ class MachineVisionEye:
     def __init__(self, camera: Any) -> None:
         pylon, self._genicam = _libraries()
         self._pylon, self._camera, self._exposed_s = pylon, camera, 0.0
-        told = camera.GetDeviceInfo()
-        self.name = f"pylon {told.GetModelName()} {told.GetSerialNumber()}"
+        info = camera.GetDeviceInfo()
+        self.name = f"pylon {info.GetModelName()} {info.GetSerialNumber()}"
         with self._answering():
             self._set_by_hand()
             self._colours, self._bits = self._choose_format()

@@ -147,14 +147,14 @@ class Far:
 
 
 def likeliest(
-    cells: Cells, even: FloatArray, place: FloatArray, information: FloatArray, told: FloatArray
+    cells: Cells, even: FloatArray, place: FloatArray, information: FloatArray, evidence: FloatArray
 ) -> FloatArray:
     """Solve (J + K⁻¹) u = h + K⁻¹ u₀ at each node; returns u, (nodes, 3, cells), ≥ 0.
 
     even : (nodes,). Σ u₀.
     place : (nodes, 2). Mean place that its camera pixels see, in projector pixels.
     information : (nodes, 3 · cells, 3 · cells). J.
-    told : (nodes, 3 · cells). h.
+    evidence : (nodes, 3 · cells). h.
     """
     apart = cells.places[:, None] - cells.places
     alike = np.exp(-(apart**2).sum(axis=2) / (2 * ALIKE**2)) + 0.02 * np.eye(cells.count)
@@ -165,5 +165,5 @@ def likeliest(
     mean = np.maximum(even, 1e-3)[:, None] * more * (3 / more.sum(axis=1, keepdims=True))
     loose = 1 / (SPREAD * mean)
     prior = inverse * loose[:, :, None] * loose[:, None]
-    u = np.linalg.solve(information + prior, told[..., None] + prior @ mean[..., None])[..., 0]
+    u = np.linalg.solve(information + prior, evidence[..., None] + prior @ mean[..., None])[..., 0]
     return np.maximum(u, 0).reshape(-1, 3, cells.count)

@@ -66,12 +66,12 @@ def fitted(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> F
     """Fit T to sines, ramps and some random pictures; `table` is the projector's light per code value."""
     spots = settled(seen, table, spots, [RAMPS, *pictures[:MOST_TRIED]])
     windows, far = smooth(seen, table, spots, pictures)
-    kernel, far = near_light(seen, table, windows, far, [*_told(seen), *pictures] if pictures else [])
-    primaries = _brightness(seen, table, windows, kernel, far, [*_told(seen), *pictures])
+    kernel, far = near_light(seen, table, windows, far, [*_first_pictures(seen), *pictures] if pictures else [])
+    primaries = _brightness(seen, table, windows, kernel, far, [*_first_pictures(seen), *pictures])
     return Fit(seen, table, windows, kernel, far, primaries)
 
 
-def _told(seen: Seen) -> list[int]:
+def _first_pictures(seen: Seen) -> list[int]:
     return list(range(RAMPS, seen.order.least))
 
 
@@ -82,7 +82,7 @@ def smooth(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> t
     if not spots.seen.any() or np.average(even, weights=seen.clarity.sum(axis=1) * spots.seen) < LEAST_FAR:
         return Windows.around(spots, np.zeros_like(even), seen.order.projector), far
     windows = Windows.around(spots, even, seen.order.projector)
-    far = _far(seen, table, windows, far, even, [*_told(seen), *pictures])
+    far = _far(seen, table, windows, far, even, [*_first_pictures(seen), *pictures])
     return Windows.around(spots, _of_grey(seen, far.total), seen.order.projector), far
 
 
@@ -117,10 +117,10 @@ def _far(seen: Seen, table: Table, windows: Windows, far: Far, even: FloatArray,
     for part in some(chosen, 6 * len(pictures) * (windows.size + unknown)):
         here = windows.of(chosen[part])
         around = nodes.textured(np.ones(len(even)))[here.pixel].T
-        info, told = _information(seen, table, here, far, pictures)
+        info, evidence = _information(seen, table, here, far, pictures)
         J += around @ info.reshape(len(info), -1)
-        h += around @ told
-        mean += around @ np.column_stack([even[here.pixel], here.place, np.ones(len(told))])
+        h += around @ evidence
+        mean += around @ np.column_stack([even[here.pixel], here.place, np.ones(len(evidence))])
     mean /= np.maximum(mean[:, 3:], 1e-9)
     shares = likeliest(far.cells, mean[:, 0], mean[:, 1:3], J.reshape(-1, unknown, unknown), h)
     return replace(far, shares=shares)

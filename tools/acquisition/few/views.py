@@ -148,14 +148,14 @@ def views_fitted(
     names = [f"camera {number}: " if cameras else "" for number in range(1, len(parts) + 1)]
     seen = [reference(order, [capture[part] for capture in captures], saturated[part]) for part in parts]
     lit = [rises(_judged(each.room)) for each in seen]
-    told = []
+    candidates = []
     for said, part, each, counts in zip(names, parts, seen, lit, strict=True):
         if counts or not any(lit):
             refuse_unusable(_judged(each.room), f"{name}{said}")
             _refuse_moved(each)
-            told.append((said, part, each))
-    curves = min((curves_of(each, given)[0] for _, _, each in told), key=lambda each: each.noise)
-    views = tuple(_view(*each, curves, order.random(len(captures))) for each in told)
+            candidates.append((said, part, each))
+    curves = min((curves_of(each, given)[0] for _, _, each in candidates), key=lambda each: each.noise)
+    views = tuple(_view(*each, curves, order.random(len(captures))) for each in candidates)
     black = np.asarray(captures[0], np.float64)
     return Views(views, black, saturated, cameras, order.projector, curves)
 

@@ -209,8 +209,8 @@ class HierarchicalScheme:
         found = {band: _Found.of(band, schedule) for band in bands}
         least, black = self.threshold.noise(room), room.black.reshape(-1, 3)
         shown = zip(schedule.colour, schedule.quarter, in_turn(captures), strict=True)
-        told = f"reading {sum(band.active.camera.size for band in bands)} connections off"
-        for index, (colour, quarter, seen) in enumerate(track(shown, told, len(captures))):
+        title = f"reading {sum(band.active.camera.size for band in bands)} connections off"
+        for index, (colour, quarter, seen) in enumerate(track(shown, title, len(captures))):
             capture = seen.reshape(-1, 3)
             shares = bands[0].known.shares(*schedule.lit(index))
             for band, each in found.items():

@@ -31,18 +31,18 @@ def smoothed(transport: Transport) -> tuple[Transport, str]:
     assert projector is not None
     rows, columns = transport.shape
     if blocks is None or has_too_many_pixels(transport):
-        told = "far light: none" if blocks is None else "far light: left in blocks, of too many pixels"
-        return with_readable_far(transport), told
+        summary = "far light: none" if blocks is None else "far light: left in blocks, of too many pixels"
+        return with_readable_far(transport), summary
     alone = _Blocks(replace(transport, near=SparseRows.empty(rows, columns)), np.zeros(0, np.bool_))
     far = split(alone, fitted(alone, grids_over(transport)[-1], PEAK)).far
     assert far is not None
     lost = _lost(transport, blocks, far, projector)
     sizes = [part.scatter.indices.size + part.gather.indices.size for part in (blocks, far)]
-    told = f"pictures by them differ by {100 * lost:.2g} % of white"
+    loss = f"pictures by them differ by {100 * lost:.2g} % of white"
     if lost > MOST_LOST or sizes[1] >= sizes[0]:
-        said = f"far light: left in {sizes[0]} numbers of blocks; of {sizes[1]} between nodes, {told}"
+        said = f"far light: left in {sizes[0]} numbers of blocks; of {sizes[1]} between nodes, {loss}"
         return with_readable_far(transport), said
-    said = f"far light: {sizes[0]} numbers of blocks became {sizes[1]} between nodes; {told}"
+    said = f"far light: {sizes[0]} numbers of blocks became {sizes[1]} between nodes; {loss}"
     return replace(transport, far=far), said
 
 

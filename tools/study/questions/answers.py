@@ -1,7 +1,7 @@
 """A question about a room, the settings tried, and a verdict of one sentence."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 CLOSE_DB, NEAR_DB = 0.1, 1.0  # decibels below the best: not visible; visible only side by side
 
@@ -43,7 +43,6 @@ class Question:
     how: str
     header: tuple[str, ...] = ()
     command: str = ""
-    logarithmic: bool = field(default=True)
 
 
 def cheapest(answers: Sequence[Answer], within: float) -> Answer | None:

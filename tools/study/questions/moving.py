@@ -50,8 +50,8 @@ def _drives(place: Place, maps: RoomMaps, start: str, steps: int) -> list[FloatA
 
 
 def _verdict(answers: Sequence[Answer]) -> str:
-    told = (f"from {begin}, {' and '.join(_needed(answers, kind, begin) for kind in KINDS)}" for begin in CARRIED)
-    return sentence(f"within {CLOSE_DB:g} dB of the best {'; '.join(told)}")
+    clauses = (f"from {begin}, {' and '.join(_needed(answers, kind, begin) for kind in KINDS)}" for begin in CARRIED)
+    return sentence(f"within {CLOSE_DB:g} dB of the best {'; '.join(clauses)}")
 
 
 def _needed(answers: Sequence[Answer], kind: str, begin: str) -> str:

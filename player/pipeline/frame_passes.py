@@ -1,0 +1,71 @@
+"""The passes of a frame in their order, from code values to code values: the plan that renderer.py carries out.
+
+`python -m counterlight.pipeline.frame_passes` prints the list of docs/architecture.md. tests/test_architecture.py
+compares `passes_of_frame` with traces of frames. Names are modules of counterlight.passes, or the maps of
+passes/product.py. The text after a name completes a sentence.
+"""
+
+FramePasses = tuple[tuple[str, str], ...]  # name, and what it does
+
+TARGET: FramePasses = (
+    ("planes_to_linear", "decodes code values to linear light"),
+    ("resample", "fits the picture to the camera's view, along x"),
+    ("resample", "does the same along y (`player/pipeline/placed.py`)"),
+    ("desired", "computes the target b = c − e, limited to what the room can show (`player/pipeline/request.py`)"),
+)
+UNDO_FAR: FramePasses = (
+    (
+        "map undo_gather",
+        "begins to remove the far light that the compensated picture will cause (`player/pipeline/room_view.py`)",
+    ),
+    ("map undo_mix", "mixes the nodes of far light"),
+    ("map far_scatter", "subtracts the far light from b"),
+)
+INVERSE: FramePasses = (("map correction", "multiplies with T⁺: the correction map of thesis chapter 5"),)
+START: FramePasses = (
+    ("combine", "adds what refinement changed in the previous frame (`player/pipeline/starts.py`)"),
+    ("combine", "adds the momentum"),
+)
+RESIDUAL: FramePasses = (
+    ("map transport", "begins a step: b − S y, the residual of near light (`player/pipeline/refiner.py`)"),
+)
+FAR_RESIDUAL: FramePasses = (
+    ("map far_gather", "begins the far light of y"),
+    ("map far_mix", "mixes its nodes"),
+    ("map far_scatter", "completes the residual b − T y"),
+)
+SLOPE: FramePasses = (("map dual", "begins the slope TᵀW (b − T y)"),)
+FAR_SLOPE: FramePasses = (
+    ("map dual_gather", "begins its far light"),
+    ("map dual_mix", "mixes its nodes"),
+    ("map dual_scatter", "completes the slope"),
+)
+STEP: FramePasses = (("refinement_step", "makes the projected gradient step, with Nesterov's momentum"),)
+KEEP: FramePasses = (
+    ("combine", "keeps what the steps changed, for the next frame"),
+    ("combine", "keeps the momentum"),
+)
+SEND: FramePasses = (
+    ("encode", "applies the inverse response of each projector, dithers, and writes 8-bit code values"),
+)
+
+
+def passes_of_frame(*, steps: int, far: bool) -> FramePasses:
+    """Return the passes of a compensated frame in the projector's view, for a room of one view.
+
+    steps : steps of refinement; 0 gives clamp(T⁺ b).
+    far : whether the room has far light.
+    """
+    start = (*TARGET, *(UNDO_FAR if far else ()), *INVERSE)
+    step = (*RESIDUAL, *FAR_RESIDUAL, *SLOPE, *FAR_SLOPE, *STEP) if far else (*RESIDUAL, *SLOPE, *STEP)
+    return (*start, *START, *steps * step, *KEEP, *SEND) if steps else (*start, *SEND)
+
+
+def listed() -> str:
+    """Return the numbered list of the passes in a room with far light, with one step of refinement."""
+    passes = enumerate(passes_of_frame(steps=1, far=True), 1)
+    return "\n".join(f"{number}. `{name}` {does}." for number, (name, does) in passes)
+
+
+if __name__ == "__main__":
+    print(listed())
