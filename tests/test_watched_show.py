@@ -69,9 +69,9 @@ class Watched:
         found = [json.loads(line) for line in lines if line.endswith("\n")]
         return [each for each in found if kind in ("", each["kind"])]
 
-    def situated(self, name: str) -> bool:
-        """Return a field of the latest situation."""
-        return any(each[name] for each in self.messages("Situation")[-1:])
+    def told_frozen(self) -> bool:
+        """Whether the latest situation is frozen."""
+        return any(each["frozen"] for each in self.messages("Situation")[-1:])
 
     @property
     def state(self) -> dict[str, Any]:
@@ -98,7 +98,6 @@ def test_the_watcher_gets_each_frame_and_bursts_of_pictures(tmp_path: Path) -> N
     with Watched(tmp_path) as show:
         show.until(lambda: len(show.messages("Picture")) >= 13)
         show.commands.set("blackout", True)
-        show.until(lambda: show.situated("dark"))
         show.until(lambda: show.messages("Light")[-1]["number"] == 0)
     first, *_ = show.messages()
     assert (first["kind"], first["cameras"], first["exposures"], first["factor"]) == ("Start", ["v4l2:0"], [0.03], 2)
@@ -120,12 +119,12 @@ def test_a_still_picture_is_sent_and_text_over_the_picture_is_not(tmp_path: Path
     with Watched(tmp_path, "answers", Reader(still=True)) as show:
         show.until(lambda: show.messages("Picture"))
         show.commands.set("stats", True)
-        show.until(lambda: show.situated("frozen"))
+        show.until(show.told_frozen)
         assert show.state["state"] == "holding"
         count = len(show.messages("Light"))
         show.commands.set("stats", False)
         show.until(lambda: len(show.messages("Light")) > count)
-        assert not show.situated("frozen")
+        assert not show.told_frozen()
 
 
 def test_answers_are_applied_and_frozen(tmp_path: Path) -> None:
@@ -151,7 +150,7 @@ def test_answers_are_applied_and_frozen(tmp_path: Path) -> None:
         show.answer(Answer("correcting", "drift", (moved(0.7),), captures=5))
         assert len(corrections) == 2
         assert show.state["state"] == "frozen"
-        show.until(lambda: show.situated("frozen"))
+        show.until(show.told_frozen)
         show.commands.set("watch-freeze", False)
         show.until(lambda: len(corrections) == 3)
         show.stage.advance(25)

@@ -88,13 +88,11 @@ class Picture:
 class Situation:
     """The state of the player, sent when it changes.
 
-    frozen : the user has frozen the correction.
-    dark : the curtain is closed, so that every frame is black.
+    frozen : the user has frozen the correction, or text covers the picture.
     """
 
     kind: ClassVar[bytes] = b"SITU"
     frozen: bool = False
-    dark: bool = False
 
 
 Message: TypeAlias = Start | Light | Picture | Situation
