@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from counterlight import calibration
 from tests.drifted_rooms import write_changed
@@ -15,9 +16,15 @@ from tests.rig.films import RATE, Film
 TOLERANCE_PX = 0.1  # of issue 38; the changed room moves boxes of light
 
 
-def test_a_drift_is_found_in_the_film_and_corrected(xvfb: str, plain_room: Path, tmp_path: Path) -> None:
-    room, rng = shutil.copytree(plain_room, tmp_path / "room"), np.random.default_rng(5)
-    write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
+@pytest.mark.parametrize("name", ["plain_room", "joint"])
+def test_a_drift_is_found_in_the_film_and_corrected(
+    xvfb: str, name: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """The last projector drifts. The second room has two projectors, each with its own window."""
+    room = shutil.copytree(request.getfixturevalue(name), tmp_path / "room")
+    stored, rng = calibration.read(room), np.random.default_rng(5)
+    still = [(0.0, 0.0)] * (len(stored.calibration.regions) - 1)
+    write_changed(tmp_path / "now", stored, shifts=[*still, (0.8, -0.6)])
     scenes = [cv2.GaussianBlur(rng.uniform(-600, 855, (90, 120, 3)), (0, 0), 1.5) for _ in range(4)]
     frames = np.repeat(np.clip(scenes, 0, 255).astype(np.uint8), RATE, axis=0)
     film = Film("scenes", frames).write(tmp_path / "film.mkv")
