@@ -52,6 +52,20 @@ class _Taken:
     compared: Compared
 
 
+@dataclass(frozen=True)
+class Sight:
+    """What the watcher saw last.
+
+    shot : the capture.
+    shown : (height, width, 3). Mean reduced picture during the exposure; None if it is not known.
+    blocks : (rows, 2 · columns, 3). Measured next to predicted light, share of white; None if not known.
+    """
+
+    shot: Shot
+    shown: FloatArray | None = None
+    blocks: FloatArray | None = None
+
+
 class Watcher:
     """Watches one room.
 
@@ -79,6 +93,7 @@ class Watcher:
         self._unclear_s = np.inf
         self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
         self._jumped, self._rest_s = False, SEARCH_S[0]
+        self._seen: tuple[Shot, FloatArray, FloatArray | None] | None = None
 
     def light(self, light: Light) -> None:
         self._timeline.light(light)
@@ -100,7 +115,7 @@ class Watcher:
     def capture(self, time_s: float, shot: Shot, exposures: Exposures) -> None:
         """Take a capture that arrived at `time_s`; `exposures` converts its code values to radiance."""
         measured = self._view.measured(exposures.radiance([shot]))
-        self._capture_s = time_s
+        self._capture_s, self._seen = time_s, (shot, measured, None)
         if self._stands_still(measured):
             self._rejected["identical"] += 1
             return
@@ -114,6 +129,7 @@ class Watcher:
         if exposed is None:
             self._rejected["unknown frames"] += 1
             return
+        self._seen = shot, measured, exposed.picture
         if rms(exposed.change) > CUT:
             self._rejected["cut"] += 1
             return
@@ -144,6 +160,17 @@ class Watcher:
             self._captures,
             dict(self._rejected),
         )
+
+    def sight(self) -> Sight | None:
+        """Return the last capture, next to what the present estimate expects of it."""
+        if self._seen is None:
+            return None
+        shot, measured, shown = self._seen
+        if shown is None:
+            return Sight(shot)
+        both = measured, self._comparison.predicted(shown, self._estimate.theta)
+        pictures = [each.reshape(*self._view.shape, CHANNELS) / self._view.white for each in both]
+        return Sight(shot, shown, np.concatenate(pictures, axis=1))
 
     def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
         unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, measured)
