@@ -38,7 +38,7 @@ class _Watched:
     """A running watcher, and what it answers."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
-        self._process, self.answers = process, Queue[Answer]()
+        self._process, self.process, self.answers = process, process.pid, Queue[Answer]()
         Thread(target=self._listen, daemon=True).start()
 
     def send(self, message: watch_link.Message) -> None:
@@ -67,11 +67,13 @@ class _Watched:
 
 
 @contextmanager
-def watching(stored: StoredCalibration, camera: str, folder: Path, record: str = "") -> Iterator[_Watched]:
+def watching(
+    stored: StoredCalibration, camera: str, folder: Path, record: str = "", factor: int = 1
+) -> Iterator[_Watched]:
     words = [sys.executable, "-P", "-m", "counterlight.tools.watching"]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as process:
         watched = _Watched(process)
-        watched.send(Start(str(stored.folder), (camera,), (), 1, 1 / 60, str(folder), record=record))
+        watched.send(Start(str(stored.folder), (camera,), (), factor, 1 / 60, str(folder), record=record))
         yield watched
         assert process.stdin
         process.stdin.close()
