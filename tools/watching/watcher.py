@@ -22,7 +22,8 @@ from counterlight.tools.watching.timeline import Exposed, Timeline
 from counterlight.tools.watching.view import RoomView, regional, rms
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation, farthest_px
 
-LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
+LATENCY_EVERY_S = 2.0, 8.0  # while the latency is unknown, and once it is known
+FIND_EVERY_S = 0.5
 OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
 SAME_S = 1.0  # the same between captures of one picture
 RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
@@ -122,7 +123,7 @@ class Watcher:
         light = measured - self._comparison.ambient(self._estimate.theta)
         regions = np.stack([regional(light[:, i], self._region) for i in range(CHANNELS)], axis=1)
         self._timeline.captured(time_s, regions)
-        if time_s - self._looked_s > LATENCY_EVERY_S:
+        if time_s - self._looked_s > LATENCY_EVERY_S[self._timeline.latency.known]:
             self._looked_s = time_s
             self._timeline.find()
         exposed = self._timeline.seen(self._timeline.window(time_s))
