@@ -4,18 +4,23 @@ import json
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from counterlight.calibration import Device
+from counterlight.errors import InputError
 from counterlight.pipeline.shown_copies import factor_of
 from counterlight.raster import Region
 from counterlight.response import Response
+from counterlight.show.polled import watching_of
 from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
 from counterlight.show.watching import BURST, BURST_EVERY_S, Watching
@@ -257,3 +262,17 @@ def test_a_watcher_without_a_room_ends_and_says_why(tmp_path: Path) -> None:
         said = process.stderr.read().decode()
         assert process.wait(PATIENCE_S) == 1
     assert str(tmp_path / "gone") in said.splitlines()[-1]
+
+
+def test_a_record_needs_a_camera_and_a_folder(tmp_path: Path) -> None:
+    region = Region(0, 0, PROJECTOR.width, PROJECTOR.height)
+    room = SimpleNamespace(others=(), calibration=SimpleNamespace(regions=(region,)), maps=Mock())
+    session = cast(Session, SimpleNamespace(room=SimpleNamespace(read_last=room)))
+    (tmp_path / "file").touch()
+    options = Namespace(watch=None, watch_record=tmp_path / "file" / "record", calibration=tmp_path, exposures=())
+    with ExitStack() as stack:
+        with pytest.raises(InputError, match="name the camera with --watch"):
+            watching_of(options, session, lambda: 0.02, stack)
+        options.watch = ["v4l2:0"]
+        with pytest.raises(InputError, match=r"record: cannot be made \(Not a directory\)"):
+            watching_of(options, session, lambda: 0.02, stack)
