@@ -4,18 +4,23 @@ import json
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from counterlight.calibration import Device
+from counterlight.errors import InputError
 from counterlight.pipeline.shown_copies import factor_of
 from counterlight.raster import Region
 from counterlight.response import Response
+from counterlight.show.polled import watching_of
 from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
 from counterlight.show.watching import BURST, BURST_EVERY_S, Watching
@@ -69,9 +74,9 @@ class Watched:
         found = [json.loads(line) for line in lines if line.endswith("\n")]
         return [each for each in found if kind in ("", each["kind"])]
 
-    def situated(self, name: str) -> bool:
-        """Return a field of the latest situation."""
-        return any(each[name] for each in self.messages("Situation")[-1:])
+    def told_frozen(self) -> bool:
+        """Whether the latest situation is frozen."""
+        return any(each["frozen"] for each in self.messages("Situation")[-1:])
 
     @property
     def state(self) -> dict[str, Any]:
@@ -98,7 +103,6 @@ def test_the_watcher_gets_each_frame_and_bursts_of_pictures(tmp_path: Path) -> N
     with Watched(tmp_path) as show:
         show.until(lambda: len(show.messages("Picture")) >= 13)
         show.commands.set("blackout", True)
-        show.until(lambda: show.situated("dark"))
         show.until(lambda: show.messages("Light")[-1]["number"] == 0)
     first, *_ = show.messages()
     assert (first["kind"], first["cameras"], first["exposures"], first["factor"]) == ("Start", ["v4l2:0"], [0.03], 2)
@@ -120,12 +124,12 @@ def test_a_still_picture_is_sent_and_text_over_the_picture_is_not(tmp_path: Path
     with Watched(tmp_path, "answers", Reader(still=True)) as show:
         show.until(lambda: show.messages("Picture"))
         show.commands.set("stats", True)
-        show.until(lambda: show.situated("frozen"))
+        show.until(show.told_frozen)
         assert show.state["state"] == "holding"
         count = len(show.messages("Light"))
         show.commands.set("stats", False)
         show.until(lambda: len(show.messages("Light")) > count)
-        assert not show.situated("frozen")
+        assert not show.told_frozen()
 
 
 def test_answers_are_applied_and_frozen(tmp_path: Path) -> None:
@@ -151,7 +155,7 @@ def test_answers_are_applied_and_frozen(tmp_path: Path) -> None:
         show.answer(Answer("correcting", "drift", (moved(0.7),), captures=5))
         assert len(corrections) == 2
         assert show.state["state"] == "frozen"
-        show.until(lambda: show.situated("frozen"))
+        show.until(show.told_frozen)
         show.commands.set("watch-freeze", False)
         show.until(lambda: len(corrections) == 3)
         show.stage.advance(25)
@@ -258,3 +262,17 @@ def test_a_watcher_without_a_room_ends_and_says_why(tmp_path: Path) -> None:
         said = process.stderr.read().decode()
         assert process.wait(PATIENCE_S) == 1
     assert str(tmp_path / "gone") in said.splitlines()[-1]
+
+
+def test_a_record_needs_a_camera_and_a_folder(tmp_path: Path) -> None:
+    region = Region(0, 0, PROJECTOR.width, PROJECTOR.height)
+    room = SimpleNamespace(others=(), calibration=SimpleNamespace(regions=(region,)), maps=Mock())
+    session = cast(Session, SimpleNamespace(room=SimpleNamespace(read_last=room)))
+    (tmp_path / "file").touch()
+    options = Namespace(watch=None, watch_record=tmp_path / "file" / "record", calibration=tmp_path, exposures=())
+    with ExitStack() as stack:
+        with pytest.raises(InputError, match="name the camera with --watch"):
+            watching_of(options, session, lambda: 0.02, stack)
+        options.watch = ["v4l2:0"]
+        with pytest.raises(InputError, match=r"record: cannot be made \(Not a directory\)"):
+            watching_of(options, session, lambda: 0.02, stack)

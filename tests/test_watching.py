@@ -93,6 +93,16 @@ def test_a_jump_of_the_picture_is_found(view: RoomView, rig: Rig, shift: tuple[f
     assert np.abs(before).max() < STILL_PX
 
 
+@pytest.mark.parametrize("exposure_s", [0.002, 1 / 60, 1 / 24])
+def test_a_jump_is_found_by_a_camera_of_unknown_exposure(view: RoomView, rig: Rig, exposure_s: float) -> None:
+    camera = WatchCamera(period_s=0.1, exposure_s=exposure_s)
+    scene = replace(later(shift=(0.3, 0.4)), camera=camera, told=False)
+    last = seen(view, rig, scene)[-1]
+    np.testing.assert_allclose(middle(view, last), (0.3, 0.4), atol=NEAR_PX)
+    expected_s = camera.latency_s + 0.8 * camera.jitter_s + camera.rolling_s / 2  # of the middle row
+    assert abs(last.latency_s - expected_s) < exposure_s / 2 + 0.01  # exposures that are tried lie this far apart
+
+
 def test_a_lamp_that_dims_is_found(view: RoomView, rig: Rig) -> None:
     last = seen(view, rig, later(projector=replace(CALM.projector, lamp=0.9)))[-1]
     np.testing.assert_allclose(last.projectors[0].gain, 0.9, atol=NEAR_LIGHT)

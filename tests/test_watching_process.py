@@ -1,5 +1,6 @@
 """The watcher's process, between a player that sends frames and a camera: a moved picture, and a camera that fails."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -14,9 +15,10 @@ import pytest
 
 from counterlight import calibration
 from counterlight.calibration import StoredCalibration
+from counterlight.files.picture_files import write_png
 from counterlight.pipeline.drift import Moved
 from counterlight.unattended import watch_link
-from counterlight.unattended.watch_link import Answer, Light, Picture, Start
+from counterlight.unattended.watch_link import Answer, Light, Picture, Situation, Start
 from tests.drifted_rooms import write_changed
 from tests.oracles.formulas import grid_means
 from tests.programs import PATIENCE_S, ROOT, succeed
@@ -36,7 +38,7 @@ class _Watched:
     """A running watcher, and what it answers."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
-        self._process, self.answers = process, Queue[Answer]()
+        self._process, self.process, self.answers = process, process.pid, Queue[Answer]()
         Thread(target=self._listen, daemon=True).start()
 
     def send(self, message: watch_link.Message) -> None:
@@ -65,11 +67,13 @@ class _Watched:
 
 
 @contextmanager
-def watching(stored: StoredCalibration, camera: str, folder: Path) -> Iterator[_Watched]:
+def watching(
+    stored: StoredCalibration, camera: str, folder: Path, record: str = "", factor: int = 1
+) -> Iterator[_Watched]:
     words = [sys.executable, "-P", "-m", "counterlight.tools.watching"]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as process:
         watched = _Watched(process)
-        watched.send(Start(str(stored.folder), (camera,), (), 1, 1 / 60, str(folder)))
+        watched.send(Start(str(stored.folder), (camera,), (), factor, 1 / 60, str(folder), record=record))
         yield watched
         assert process.stdin
         process.stdin.close()
@@ -99,3 +103,26 @@ def test_a_missing_camera_is_reported_again_and_again(stored: StoredCalibration,
     with watching(stored, f"folder:{tmp_path / 'nowhere'}", tmp_path) as watched:
         for _ in range(2):
             assert "nowhere: no such folder" in watched.until("no camera").reason
+
+
+def test_photographs_of_another_size_are_refused(stored: StoredCalibration, tmp_path: Path) -> None:
+    folder = tmp_path / "captures"
+    folder.mkdir()
+    with watching(stored, f"folder:{folder}", tmp_path) as watched:
+        while "64x48 pixels, the calibration's camera has 80x60" not in watched.answers.get(timeout=PATIENCE_S).reason:
+            write_png(folder / f"{time.monotonic_ns()}.png", np.zeros((48, 64, 3), np.uint8))
+
+
+def test_an_evening_is_recorded_until_its_folder_is_gone(
+    stored: StoredCalibration, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    (folder := tmp_path / "record").mkdir()
+    height, width = stored.calibration.projector.shape
+    with watching(stored, f"simulated:{stored.folder}", tmp_path, record=str(folder)) as watched:
+        watched.until("looking")
+        while not list(folder.glob("*-capture.png")):
+            watched.show(rng.random((height, width, 3)))
+            watched.answers.get(timeout=PATIENCE_S)
+        shutil.rmtree(folder)
+        watched.send(Situation(frozen=True))
+        assert f"--watch-record: [Errno 2] No such file or directory: '{folder}" in watched.until("frozen").reason

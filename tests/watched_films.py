@@ -33,12 +33,14 @@ class Scene:
     devices : the devices at a time.
     person : share of the light that reaches the camera at a time, (camera height, camera width), if not all.
     frozen_s : from then on the camera repeats its last capture.
+    told : whether the watcher knows the exposure.
     """
 
     devices: Callable[[float], Devices]
     person: Callable[[float], FloatArray | None] = lambda time_s: None
     camera: WatchCamera = field(default_factory=WatchCamera)
     frozen_s: float = np.inf
+    told: bool = True
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def drift_of(answer: Answer) -> Drift:
 def watched(view: RoomView, rig: Rig, film: Film, scene: Scene, seconds: float) -> Iterator[Moment]:
     """Yield the answers during a film of linear drives (height, width, 3)."""
     room, camera = view.room, scene.camera
-    watcher = Watcher(view, camera.exposure_s, 1 / FRAMES_PER_S)
+    watcher = Watcher(view, camera.exposure_s if scene.told else None, 1 / FRAMES_PER_S)
     seen = WatchedRoom(rig, camera, scene.devices, scene.person)
     exposures = Exposures((1.0,), room.camera.response)
     frames, drift = list[Frame](), Drift(tuple(Moved.nothing() for _ in room.regions))

@@ -398,6 +398,12 @@ GROUPS: dict[str, dict[str, Option]] = {
         "exposures": _Window(
             "set the exposure times of --watch in seconds", Anything(parse=_times), value="T,T…", stated="as calibrated"
         ),
+        "watch-record": _Window(
+            "keep what --watch sees and decides in this folder (docs/watch.md)",
+            PATH,
+            value="DIR",
+            stated="nothing kept",
+        ),
         "watch-freeze": _Window("keep the correction of --watch as it is", FLAG, False),
         "remote": _Window(
             "serve a page for browsers",

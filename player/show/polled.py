@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 
 from counterlight.errors import InputError
 from counterlight.jobs.workers import THREADS
@@ -43,6 +44,8 @@ def watching_of(
     """
     cameras, room = cameras_of(options), session.room.read_last
     if not cameras:
+        if options.watch_record is not None:
+            raise InputError("--watch-record keeps what a camera sees; name the camera with --watch")
         return None
     if room.others:
         raise InputError("--watch: the room has several views; watch a room of one view, or leave it out")
@@ -55,6 +58,7 @@ def watching_of(
         refresh_s(),
         folder,
         room.maps.mixing.tier,
+        _made(options.watch_record),
     )
     command = sys.executable, "-P", "-m", "counterlight.tools.watching"
     one_thread = os.environ | dict.fromkeys(THREADS, "1")  # the cores belong to the show
@@ -63,6 +67,17 @@ def watching_of(
     )
     watching.freeze(options.watch_freeze)
     return watching
+
+
+def _made(folder: Path | None) -> str:
+    """Make the folder of --watch-record; returns its name, empty for none."""
+    if folder is None:
+        return ""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--watch-record {folder}: cannot be made ({error.strerror}); check path and rights") from None
+    return str(folder)
 
 
 def lamps_of(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:

@@ -57,7 +57,7 @@ class Watching:
         self._renderer = session.renderer
         self._paint: NDArray[np.floating] | None = None
         self._applied: tuple[object, object] = (), ()
-        self._frozen = self._covered = self._dark = self._checking = False
+        self._frozen = self._covered = self._checking = False
         self._situation = Situation()
         self._shown: _Shown | None = None
         self._burst, self._burst_s = 0, float("-inf")
@@ -90,7 +90,7 @@ class Watching:
         session, now_s = self._session, self._session.clock()
         self._follow_renderer()
         self._send_shown()
-        self._shown, self._dark = None, dark
+        self._shown = None
         self._covered = not dark and (page is not None or session.rendered_view != "projector")
         self._situate()
         if dark:
@@ -145,7 +145,7 @@ class Watching:
             self._watcher.rest()
 
     def _situate(self) -> None:
-        situation = Situation(self._frozen or self._covered, self._dark)
+        situation = Situation(self._frozen or self._covered)
         if situation != self._situation:
             self._situation = situation
             self._watcher.send(situation)

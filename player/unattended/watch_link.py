@@ -46,6 +46,7 @@ class Start:
     refresh_s : period of the display.
     folder : folder for files of the watcher, which the player removes.
     colour : colour tier of the maps, one of choices.COLOURS.
+    record : folder of --watch-record; empty for none.
     """
 
     kind: ClassVar[bytes] = b"STRT"
@@ -56,6 +57,7 @@ class Start:
     refresh_s: float
     folder: str
     colour: str = "auto"
+    record: str = ""
 
 
 @dataclass(frozen=True)
@@ -88,13 +90,11 @@ class Picture:
 class Situation:
     """The state of the player, sent when it changes.
 
-    frozen : the user has frozen the correction.
-    dark : the curtain is closed, so that every frame is black.
+    frozen : the user has frozen the correction, or text covers the picture.
     """
 
     kind: ClassVar[bytes] = b"SITU"
     frozen: bool = False
-    dark: bool = False
 
 
 Message: TypeAlias = Start | Light | Picture | Situation

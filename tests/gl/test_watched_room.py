@@ -5,8 +5,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from counterlight import calibration
+from counterlight.tools.watching.record import report
 from tests.drifted_rooms import write_changed
 from tests.programs import wait_until
 from tests.remote import show
@@ -15,20 +17,33 @@ from tests.rig.films import RATE, Film
 TOLERANCE_PX = 0.1  # of issue 38; the changed room moves boxes of light
 
 
-def test_a_drift_is_found_in_the_film_and_corrected(xvfb: str, plain_room: Path, tmp_path: Path) -> None:
-    room, rng = shutil.copytree(plain_room, tmp_path / "room"), np.random.default_rng(5)
-    write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
+@pytest.mark.parametrize(
+    ("name", "near_px"),
+    [("plain_room", TOLERANCE_PX), ("joint", 0.2)],  # corners of the 36x26 pixels of its second projector vary by 0.1
+)
+def test_a_drift_is_found_in_the_film_and_corrected(
+    xvfb: str, name: str, near_px: float, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """The last projector drifts. The second room has two projectors, each with its own window."""
+    room = shutil.copytree(request.getfixturevalue(name), tmp_path / "room")
+    stored, rng = calibration.read(room), np.random.default_rng(5)
+    still = [(0.0, 0.0)] * (len(stored.calibration.regions) - 1)
+    write_changed(tmp_path / "now", stored, shifts=[*still, (0.8, -0.6)])
     scenes = [cv2.GaussianBlur(rng.uniform(-600, 855, (90, 120, 3)), (0, 0), 1.5) for _ in range(4)]
     frames = np.repeat(np.clip(scenes, 0, 255).astype(np.uint8), RATE, axis=0)
     film = Film("scenes", frames).write(tmp_path / "film.mkv")
     words = "--loop", "--osd", "off", "--watch", f"simulated:{tmp_path / 'now'}", "--white", "0.5"
+    words = *words, "--watch-record", tmp_path / "record"
     with show(xvfb, tmp_path, room, film, *words) as (process, client):
 
         def found() -> bool:
-            return abs((client.get("watch-state").get("moved_px") or 0.0) - 0.8) < TOLERANCE_PX
+            return abs((client.get("watch-state").get("moved_px") or 0.0) - 0.8) < near_px
 
         wait_until(found, "the drift", process)
         assert client.get("watch-state")["state"] in ("correcting", "holding")
         assert client.ask("set_property", "watch-freeze", True)["error"] == "success"
         wait_until(lambda: client.get("watch-state")["state"] == "frozen", "the freeze", process)
         assert client.get("notices") == []
+    told = list(report(tmp_path / "record"))
+    assert any("looking" in line for line in told)
+    assert list((tmp_path / "record").glob("*-blocks.png"))

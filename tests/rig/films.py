@@ -52,7 +52,7 @@ def clip(size: Size) -> Film:
 
 
 def static(size: Size) -> Film:
-    return Film("static", np.repeat(_scene(size, 0)[None], RATE, axis=0))
+    return Film("static", np.repeat(_moved(_scene(size, 0), size, 0)[None], RATE, axis=0))
 
 
 def dark(size: Size) -> Film:

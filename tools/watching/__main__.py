@@ -1,14 +1,16 @@
-"""python -m counterlight.tools.watching: the process that `counterlight play --watch` starts.
+"""python -m counterlight.tools.watching [DIR]: the process that `counterlight play --watch` starts.
 
-Reads messages from standard input, and writes answers to standard output (counterlight.unattended.watch_link). Ends
-with its input. A camera that fails is opened again and again.
+With a folder of `--watch-record`, prints what the watcher decided, and when. Otherwise reads messages from standard
+input, and writes answers to standard output (counterlight.unattended.watch_link). Ends with its input. A camera that
+fails is opened again and again.
 """
 
+import argparse
 import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -16,16 +18,25 @@ from pathlib import Path
 import numpy as np
 
 from counterlight import calibration
+from counterlight.command import run
 from counterlight.errors import InputError, one_line
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.watching.cameras import WatchCamera, open_cameras
+from counterlight.tools.watching.record import Record, report
 from counterlight.tools.watching.view import RoomView
-from counterlight.tools.watching.watcher import Watcher
+from counterlight.tools.watching.watcher import Sight, Watcher
 from counterlight.unattended.watch_link import PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
 
 ANSWER_S, STARTING_S, RETRY_S, GONE_S = 0.5, 5.0, 5.0, 0.1
 READ_BYTES = 1 << 20
+
+
+def tell(words: Sequence[str] | None) -> None:
+    """Print what is recorded in a folder."""
+    parser = argparse.ArgumentParser("python -m counterlight.tools.watching", description="Print a watched evening.")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of counterlight play --watch-record")
+    print(*report(parser.parse_args(words).folder), sep="\n")
 
 
 def main() -> int:
@@ -57,7 +68,8 @@ class _Process:
         self._start, self._lock = start, threading.Lock()
         self._watcher: Watcher | None = None
         self._camera: WatchCamera | None = None
-        self._trouble = ""
+        self._trouble = self._unkept = ""
+        self._record = Record(Path(start.record)) if start.record else None
 
     def take(self, message: Message) -> None:
         camera = self._camera
@@ -100,9 +112,24 @@ class _Process:
                 answer = replace(
                     answer, state="no camera", reason=self._trouble, confidence=0.0, latency_s=0.0, rejected={}
                 )
+            answer = self._keep(answer)
             with suppress(BrokenPipeError):
                 os.write(sys.stdout.fileno(), answer.line())
             time.sleep(ANSWER_S)
+
+    def _keep(self, answer: Answer) -> Answer:
+        """Record an answer; returns the answer, with the reason why nothing can be recorded any more."""
+        if self._record is not None:
+            try:
+                self._record.keep(time.time(), answer, self._sight)
+            except OSError as error:
+                self._record, self._unkept = None, f"--watch-record: {error}"
+        reason = "; ".join(each for each in (answer.reason, self._unkept) if each)
+        return replace(answer, reason=reason)
+
+    def _sight(self) -> Sight | None:
+        with self._lock:
+            return self._watcher.sight() if self._watcher is not None else None
 
     def _see(self, view: RoomView, camera: WatchCamera) -> None:
         with self._lock:
@@ -132,4 +159,4 @@ def _messages() -> Iterator[Message]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(tell) if len(sys.argv) > 1 else main())

@@ -13,6 +13,7 @@ import numpy as np
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.passes.encode import encoded
+from counterlight.raster import Shape
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.folder import ANY_CASE
 from counterlight.tools.acquisition.cameras.live import Eye
@@ -77,12 +78,15 @@ class LiveFrames:
 
 
 class NewestFile:
-    """The newest photograph in a folder, as soon as it appears. Files whose name starts with a dot are incomplete."""
+    """The newest photograph in a folder, as soon as it appears. Files whose name starts with a dot are incomplete.
 
-    follows, exposure_s = False, None
+    shape : (height, width) that photographs have.
+    """
 
-    def __init__(self, folder: Path, exposures: Exposures) -> None:
-        self._folder, self.exposures = folder, exposures
+    follows = False
+
+    def __init__(self, folder: Path, exposures: Exposures, exposure_s: float | None, shape: Shape) -> None:
+        self._folder, self._shape, self.exposures, self.exposure_s = folder, shape, exposures, exposure_s
         self._seen_ns = time.time_ns()
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; name the folder that another program writes captures to")
@@ -92,7 +96,11 @@ class NewestFile:
 
     def frame(self) -> tuple[float, Shot]:
         time_s, path = self._next()
-        return time_s, read_photograph(path)
+        shot = read_photograph(path)
+        if shot.shape[:2] != self._shape:
+            (height, width), (rows, columns) = shot.shape[:2], self._shape
+            raise InputError(f"{path}: {width}x{height} pixels, the calibration's camera has {columns}x{rows}")
+        return time_s, shot
 
     def show(self, picture: Picture) -> None:
         """Does nothing: another program photographs."""
@@ -161,7 +169,7 @@ def open_cameras(start: Start, room: Calibration) -> Iterator[WatchCamera]:
             settings = CameraSettings(exposures=exposures.times, response=exposures.response)
             yield SimulatedFrames(room, SimulatedCamera(rooms[0], settings, None, rooms[1:]), start.factor)
         elif kind == "folder":
-            yield NewestFile(Path(source), exposures)
+            yield NewestFile(Path(source), exposures, min(start.exposures, default=None), room.camera.shape)
         else:
             if not start.exposures:
                 raise InputError(f"--watch {start.cameras[0]}: needs the exposure of the calibration; add --exposures")

@@ -54,7 +54,8 @@ class Found:
     known : share of the geometry's directions that the captures determine, per projector.
     better : improvement of the held-back captures over the applied θ.
     camera : how much better a movement of the camera explains the held-back captures than movements of the
-        projectors; None if the camera has hardly moved.
+        projectors; None if no camera has moved.
+    which : number of the camera that has moved most, from 0.
     """
 
     theta: FloatArray
@@ -62,6 +63,7 @@ class Found:
     known: tuple[float, ...]
     better: float
     camera: float | None
+    which: int
 
 
 class Estimate:
@@ -118,7 +120,7 @@ class Estimate:
         unsure = np.sqrt(1 / np.maximum(np.diag(evidence.H), 1e-12))
         known = tuple(self._known(evidence, places) for places in self._geometries())
         better = held.cost(self.applied) - held.cost(kept)
-        return Found(kept, unsure, known, better, self._camera(evidence, held))
+        return Found(kept, unsure, known, better, *self._camera(evidence, held))
 
     def _drifting(self, records: list[Record]) -> list[Record]:
         """Return the captures as if they were taken now, by the steady drift of all pictures that fits best.
@@ -182,15 +184,16 @@ class Estimate:
     def _known(self, evidence: Evidence, places: NDArray[np.int64]) -> float:
         return float(np.mean(self._directions(evidence, places)[0] > 1))
 
-    def _camera(self, evidence: Evidence, held: Evidence) -> float | None:
+    def _camera(self, evidence: Evidence, held: Evidence) -> tuple[float | None, int]:
+        """Return `Found.camera` and `Found.which`."""
         light = np.concatenate([self.layout.all_gains, self.layout.ambient])
         geometry, camera = (
             self._solved(evidence, np.concatenate([some, light]))
             for some in (self.layout.all_geometry, self.layout.camera)
         )
-        if float(np.abs(camera[self.layout.camera]).max()) < CAMERA_MOVED:
-            return None
-        return held.cost(geometry) - held.cost(camera)
+        moves = np.abs(camera[self.layout.camera]).reshape(self.layout.cameras, -1).max(axis=1)
+        better = held.cost(geometry) - held.cost(camera) if moves.max() >= CAMERA_MOVED else None
+        return better, int(moves.argmax())
 
     def _sum(self, records: list[Record], *, held: bool) -> Evidence:
         chosen = (record.evidence for record in records if record.held is held)

@@ -1,7 +1,7 @@
 """The evidence of one capture for changes of the room: a quadratic cost of θ around the present estimate.
 
 θ holds, per projector, a homography in eight numbers and the light of each channel; a smooth field of ambient light;
-and a movement of the camera, which is never corrected, only distinguished from a movement of the projector. The
+and a movement per camera, which is never corrected, only distinguished from a movement of the projector. The
 residual of a block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the
 near light of T. Weights fall to zero for large residuals (Geman and McClure 1987) and for connected regions of them:
 people, shadows, a hand.
@@ -42,14 +42,15 @@ class Layout:
     """The places of the unknowns in θ.
 
     Units: displacements of the picture's corners in projector pixels; light in shares of the calibrated light;
-    ambient light in shares of white; the camera's movement in its pixels.
+    ambient light in shares of white; the movement of each camera in its pixels.
     """
 
     projectors: int
+    cameras: int = 1
 
     @property
     def size(self) -> int:
-        return (GEOMETRY + CHANNELS) * self.projectors + CHANNELS * self.field + CAMERA
+        return (GEOMETRY + CHANNELS) * self.projectors + CHANNELS * self.field + CAMERA * self.cameras
 
     @property
     def field(self) -> int:
@@ -72,7 +73,8 @@ class Layout:
 
     @property
     def camera(self) -> NDArray[np.int64]:
-        return np.arange(self.size - CAMERA, self.size)
+        """Camera by camera, (cameras · 3,)."""
+        return np.arange(self.size - CAMERA * self.cameras, self.size)
 
     @property
     def all_geometry(self) -> NDArray[np.int64]:
@@ -139,7 +141,7 @@ class Comparison:
     """
 
     def __init__(self, view: RoomView) -> None:
-        self._view, self.layout = view, Layout(len(view.boxes))
+        self._view, self.layout = view, Layout(len(view.boxes), len(view.cameras))
         self._used = np.flatnonzero(view.counted)
         self._hats = _hats(view.shape, FIELD)
         self._lit = (view.texture * view.white)[:, None, :] * self._hats[:, :, None]  # (blocks, field, channels)
@@ -297,7 +299,7 @@ class Comparison:
         return alone
 
     def _camera(self, predicted: FloatArray) -> FloatArray:
-        """Return the derivative by a shift and a turn of the camera, (channels, blocks, 3), per camera pixel.
+        """Return the derivative by a shift and a turn of each camera, (channels, blocks, cameras · 3), per pixel.
 
         The light is (F + e) I, with the floodlit room F, whose texture moves, and the smooth rest I.
         """
@@ -311,7 +313,8 @@ class Comparison:
         )
         y, x = (np.mgrid[:rows, :columns] + 0.5 - np.array([rows, columns])[:, None, None] / 2) / max(rows, columns) * 2
         turn = down * x.reshape(-1, 1) - right * y.reshape(-1, 1)
-        return np.stack([right, down, turn], axis=-1).transpose(1, 0, 2)
+        moves = np.stack([right, down, turn], axis=-1).transpose(1, 0, 2)
+        return np.concatenate([moves * own[:, None] for own in view.cameras], axis=2)
 
     def _homography(self, number: int, theta: FloatArray) -> FloatArray:
         """Return M for positions in reduced pixels from the corner of the projector's picture."""

@@ -183,9 +183,9 @@ class Timeline:
 
     def _cost(self, integral: "_Integral", times: FloatArray, differences: FloatArray, L: float, E: float) -> float:
         light = integral.mean(times - L - E, times - L)
-        predicted = np.einsum("krc,tck->trk", self._coarse, light)
-        residual = np.diff(predicted, axis=0) - differences
-        return float(np.sum(residual**2))
+        changes = np.ascontiguousarray(np.diff(light, axis=0).transpose(2, 0, 1))
+        predicted = changes @ self._coarse.transpose(0, 2, 1)  # (channels, captures, regions)
+        return float(np.sum((predicted - differences.transpose(2, 0, 1)) ** 2))
 
 
 class _Integral:

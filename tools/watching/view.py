@@ -134,8 +134,8 @@ class RoomView:
     def measured(self, radiance: NDArray[np.float32]) -> FloatArray:
         """Return the blocks of a capture (camera height, camera width, 3): (blocks, 3), in screen primaries."""
         means = self.blocks.means(radiance).astype(np.float64)
-        for number, view in enumerate(self._view_of):
-            means[view] *= self.room.gains[number]
+        for own, gain in zip(self.cameras, self.room.gains, strict=True):
+            means[own] *= gain
         return np.asarray(self._mixing.on_screen(means))
 
     @cached_property
@@ -154,6 +154,13 @@ class RoomView:
                 found[channel, :, cell] = regional(light[:, channel], region)
         return found, region
 
+    def changes(self, camera: int, light: NDArray[np.float32]) -> float:
+        """Return how much a change of light on GRID changes what a camera sees: RMS, share of the floodlit room."""
+        coarse, region = self.coarse
+        seen = np.unique(region[self.cameras[camera] & self.counted])
+        change = np.einsum("krc,ck->rk", coarse[:, seen], light.reshape(-1, 3))
+        return rms(change) / rms(coarse[:, seen].sum(axis=2))
+
     def _cell(self, cell: int) -> FloatArray:
         """Return a reduced picture with one cell of its grid white."""
         (height, width), (down, right) = self.raster, divmod(cell, GRID[1])
@@ -169,12 +176,13 @@ class RoomView:
         return tuple(Csr(S + b @ p) for S, b, p in zip(near, B, P, strict=True))
 
     @cached_property
-    def _view_of(self) -> list[BoolArray]:
-        """The blocks of each camera."""
+    def cameras(self) -> list[BoolArray]:
+        """The blocks of each camera, (blocks,) bool. Blocks at a seam belong to none, because slopes cross it."""
         found = []
         for number in range(len(self.room.views)):
-            share = self.blocks.means(self.room.pixels_of(number).astype(np.float32))
-            found.append(share[:, 0] > 0.5)
+            own = self.blocks.means(self.room.pixels_of(number).astype(np.float32))[:, 0] > WHOLE
+            inner = ndimage.binary_erosion(own.reshape(self.shape), border_value=1)
+            found.append(np.asarray(inner.ravel()))
         return found
 
     def _counted(self, room: Calibration) -> BoolArray:
@@ -186,7 +194,8 @@ class RoomView:
             inner[box.top + edge : box.top + box.height - edge, box.left + edge : box.left + box.width - edge] = 1
         near = luminance(np.stack([m @ np.ones(m.shape[1]) for m in self._near], axis=1))
         inside = luminance(np.stack([m @ inner.reshape(-1, 3)[:, 0] for m in self._near], axis=1))
-        return np.asarray((mask > WHOLE) & lit(luminance(self.flood)) & (inside > WHOLE * near))
+        seen = np.any(self.cameras, axis=0)
+        return np.asarray(seen & (mask > WHOLE) & lit(luminance(self.flood)) & (inside > WHOLE * near))
 
 
 def regional(values: FloatArray, region: NDArray[np.int64]) -> FloatArray:
@@ -195,6 +204,10 @@ def regional(values: FloatArray, region: NDArray[np.int64]) -> FloatArray:
     sums = np.bincount(region[counted], values[counted], size)
     counts = np.bincount(region[counted], minlength=size)
     return np.asarray(sums / np.maximum(counts, 1))
+
+
+def rms(values: NDArray[np.floating]) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
 
 
 def repeating(room: Calibration, factor: int) -> Csr:

@@ -4,6 +4,7 @@ It knows no clock and no device: times come with frames and captures, so that a 
 """
 
 from collections import Counter, deque
+from collections.abc import Sized
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,10 +19,11 @@ from counterlight.tools.acquisition.registration import homography
 from counterlight.tools.watching.estimate import STILL_AMBIENT, STILL_LIGHT, STILL_PX, WORTH, Estimate, Found
 from counterlight.tools.watching.evidence import CHANNELS, FIELD, Compared, Comparison
 from counterlight.tools.watching.timeline import Exposed, Timeline
-from counterlight.tools.watching.view import RoomView, regional
+from counterlight.tools.watching.view import RoomView, regional, rms
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation, farthest_px
 
-LATENCY_EVERY_S, FIND_EVERY_S = 2.0, 0.5
+LATENCY_EVERY_S = 2.0, 8.0  # while the latency is unknown, and once it is known
+FIND_EVERY_S = 0.5
 OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
 SAME_S = 1.0  # the same between captures of one picture
 RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture, and while the latency is unknown
@@ -51,6 +53,20 @@ class _Taken:
     compared: Compared
 
 
+@dataclass(frozen=True)
+class Sight:
+    """What the watcher saw last.
+
+    shot : the capture.
+    shown : (height, width, 3). Mean reduced picture during the exposure; None if it is not known.
+    blocks : (rows, 2 · columns, 3). Measured next to predicted light, share of white; None if not known.
+    """
+
+    shot: Shot
+    shown: FloatArray | None = None
+    blocks: FloatArray | None = None
+
+
 class Watcher:
     """Watches one room.
 
@@ -65,10 +81,10 @@ class Watcher:
         self._timeline = Timeline(coarse, exposure_s, refresh_s, follows=follows)
         self._situation = Situation()
         self._taken: deque[_Taken] = deque(maxlen=30)
-        self._last: tuple[FloatArray, NDArray[np.float32] | None] | None = None
+        self._last: list[tuple[FloatArray, NDArray[np.float32] | None] | None] = [None] * len(view.cameras)
         self._light: NDArray[np.float32] | None = None
         self._compared_light: NDArray[np.float32] | None = None
-        self._same = self._captures = 0
+        self._same, self._captures = [0] * len(view.cameras), 0
         self._rejected: Counter[str] = Counter()
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
@@ -78,6 +94,7 @@ class Watcher:
         self._unclear_s = np.inf
         self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
         self._jumped, self._rest_s = False, SEARCH_S[0]
+        self._seen: tuple[Shot, FloatArray, FloatArray | None] | None = None
 
     def light(self, light: Light) -> None:
         self._timeline.light(light)
@@ -99,21 +116,22 @@ class Watcher:
     def capture(self, time_s: float, shot: Shot, exposures: Exposures) -> None:
         """Take a capture that arrived at `time_s`; `exposures` converts its code values to radiance."""
         measured = self._view.measured(exposures.radiance([shot]))
-        self._capture_s = time_s
+        self._capture_s, self._seen = time_s, (shot, measured, None)
         if self._stands_still(measured):
             self._rejected["identical"] += 1
             return
         light = measured - self._comparison.ambient(self._estimate.theta)
         regions = np.stack([regional(light[:, i], self._region) for i in range(CHANNELS)], axis=1)
         self._timeline.captured(time_s, regions)
-        if time_s - self._looked_s > LATENCY_EVERY_S:
+        if time_s - self._looked_s > LATENCY_EVERY_S[self._timeline.latency.known]:
             self._looked_s = time_s
             self._timeline.find()
         exposed = self._timeline.seen(self._timeline.window(time_s))
         if exposed is None:
             self._rejected["unknown frames"] += 1
             return
-        if _rms(exposed.change) > CUT:
+        self._seen = shot, measured, exposed.picture
+        if rms(exposed.change) > CUT:
             self._rejected["cut"] += 1
             return
         self._compare(time_s, exposed, measured, shot, exposures)
@@ -144,6 +162,17 @@ class Watcher:
             dict(self._rejected),
         )
 
+    def sight(self) -> Sight | None:
+        """Return the last capture, next to what the present estimate expects of it."""
+        if self._seen is None:
+            return None
+        shot, measured, shown = self._seen
+        if shown is None:
+            return Sight(shot)
+        both = measured, self._comparison.predicted(shown, self._estimate.theta)
+        pictures = [each.reshape(*self._view.shape, CHANNELS) / self._view.white for each in both]
+        return Sight(shot, shown, np.concatenate(pictures, axis=1))
+
     def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
         unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, measured)
         compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
@@ -160,7 +189,7 @@ class Watcher:
         if compared.outliers > 0.5:
             self._rejected["outlier"] += 1
             return
-        change = np.inf if previous is None else _rms(exposed.picture - previous)
+        change = np.inf if previous is None else rms(exposed.picture - previous)
         self._estimate.add(time_s, compared, change)
         if time_s - self._fitted_s >= FIND_EVERY_S:
             self._fitted_s = time_s
@@ -187,21 +216,26 @@ class Watcher:
         return True
 
     def _stands_still(self, measured: FloatArray) -> bool:
-        """Whether a capture equals the previous one although the film has changed."""
-        if self._last is None or not np.array_equal(self._last[0], measured):
-            self._last, self._same = (measured, self._light), 0
-            return False
-        light = self._last[1]
-        self._same += light is not None and self._light is not None and _rms(self._light - light) > CHANGED
-        return True
+        """Whether all cameras repeat their pictures, or one does although the film has changed where it looks."""
+        identical = 0
+        for number, own in enumerate(self._view.cameras):
+            seen, last = measured[own], self._last[number]
+            if last is None or not np.array_equal(last[0], seen):
+                self._last[number], self._same[number] = (seen, self._light), 0
+                continue
+            identical += 1
+            if last[1] is not None and self._light is not None:
+                self._same[number] += self._view.changes(number, self._light - last[1]) > CHANGED
+        return identical == len(self._last) or any(self._same)
 
     def _state(self, now_s: float) -> tuple[str, str]:
         if self._situation.frozen:
             return "frozen", "the correction is frozen"
         if self._capture_s > -np.inf and now_s - self._capture_s > SILENT_S:
             return "no camera", f"no capture for {now_s - self._capture_s:.0f} s"
-        if self._same >= STILL_CAMERA:
-            return "no camera", "the camera repeats one picture while the film changes"
+        if max(self._same) >= STILL_CAMERA:
+            name = _named("camera", int(np.argmax(self._same)), self._same)
+            return "no camera", f"{name} repeats one picture while the film changes"
         if self._automatic():
             return "camera changed", "the camera's exposure follows the film: set exposure and gain by hand"
         strange = [each.compared.agreement for each in list(self._taken)[-STRANGE:]]
@@ -220,7 +254,8 @@ class Watcher:
 
     def _state_of(self, found: Found, now_s: float) -> tuple[str, str]:
         if found.camera is not None and found.camera > WORTH:
-            return "camera moved", "the camera has moved: put it back, or acquire again"
+            name = _named("camera", found.which, self._view.cameras)
+            return "camera moved", f"{name} has moved: put it back, or acquire again"
         beyond = self._beyond(found.theta)
         if beyond is not None:
             return beyond
@@ -250,7 +285,7 @@ class Watcher:
     def _beyond(self, theta: FloatArray) -> tuple[str, str] | None:
         """Return the state and the reason if θ exceeds the limits of corrections."""
         for number, device in enumerate(self._view.room.projectors):
-            name = "the projector" if len(self._view.boxes) == 1 else f"projector {number + 1}"
+            name = _named("projector", number, self._view.boxes)
             far = float(np.hypot(*self._moved(theta, number).at_corners(device).T).max())
             if far > farthest_px(device.shape):
                 return "acquire again", f"{name}'s picture has moved by {far:.1f} pixels: acquire again"
@@ -265,7 +300,7 @@ class Watcher:
     def _changes(self, theta: FloatArray) -> str:
         said, layout = [], self._comparison.layout
         for number, device in enumerate(self._view.room.projectors):
-            name = "the picture" if len(self._view.boxes) == 1 else f"picture {number + 1}"
+            name = _named("picture", number, self._view.boxes)
             right, down = self._moved(theta, number).at_corners(device)[0]
             if np.abs(theta[layout.geometry(number)]).max() >= STILL_PX:
                 said.append(f"{name} has moved by {right:.2f}, {down:.2f} pixels")
@@ -319,12 +354,12 @@ class Watcher:
         return float(np.mean(self._found.known) * (1 - outliers))
 
 
+def _named(noun: str, number: int, all_of_them: Sized) -> str:
+    return f"the {noun}" if len(all_of_them) == 1 else f"{noun} {number + 1}"
+
+
 def _rounding(exposures: Exposures, shot: Shot, measured: FloatArray) -> FloatArray:
     """Return the error of radiance (blocks, 3) by rounded code values, which noise may be too weak to blur."""
     codes = np.arange(int(np.iinfo(shot.dtype).max) + 1, dtype=shot.dtype)
     light = exposures.radiance([codes[None]])[0, :, 0].astype(np.float64)
     return np.asarray(ROUNDED * np.interp(measured, light, np.gradient(light)))
-
-
-def _rms(values: NDArray[np.floating]) -> float:
-    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
