@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
+from counterlight.files.picture_files import MAX_BYTES
+from counterlight.files.reading import read_bytes
+from counterlight.files.silence import silence
 from counterlight.response import Response
 from counterlight.tools.hdr import photographs as stored
 from counterlight.tools.hdr.photographs import refuse_curve
@@ -132,10 +135,15 @@ def read_photographs(
 
 
 def read_photograph(path: Path) -> NDArray[Any]:
-    """Read a picture as stored, 8 or 16 bits, R'G'B' or grey: PNG, JPEG, RAW or TIFF."""
+    """Read a picture upright, 8 or 16 bits, R'G'B' or grey: PNG, JPEG, RAW or TIFF."""
     if path.suffix.lower() not in TIFF:
-        return stored.read_photograph(path)
-    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        return stored.read_photograph(path, upright=True)
+    content = np.frombuffer(read_bytes(path, MAX_BYTES, "save it as PNG"), np.uint8)
+    try:
+        with silence():  # OpenCV applies the orientation tag of a TIFF, but imread fails for quarter turns
+            found = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        found = None
     if found is None or found.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: cannot be read as TIFF of 8 or 16 bits; save it as PNG")
     return found if found.ndim == 2 else np.ascontiguousarray(found[..., 2::-1])
