@@ -17,6 +17,7 @@ ROUNDS = 2  # of response and places
 PATCH = (5, 5)  # camera pixels
 FLAT, FLATTEST = 0.03, 0.2  # deviation of code values around places where the response is fitted; share of places
 SAMPLES, LEAST_SAMPLES = 200_000, 1000
+LIT_SHARE = 0.9  # quantile of camera pixels that the projector lights even in a wide view
 MOST_SATURATED, LEAST_VARIED = 0.25, 0.02  # share of lit values; deviation of code values over the pairs
 LIT = 0.5  # correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
@@ -106,11 +107,12 @@ def inside(places: Places, shape: tuple[int, int]) -> BoolArray:
 
 def _check(pictures: NDArray[np.uint8], captures: Pictures) -> None:
     small = np.stack([cv2.resize(each, (32, 24), interpolation=cv2.INTER_AREA) for each in pictures]) / 255.0
-    if np.median(small.std(axis=0)) < LEAST_VARIED:
-        raise InputError("the pictures are all alike; expected pictures that differ everywhere")
     seen = np.stack([cv2.resize(each, (32, 24), interpolation=cv2.INTER_AREA) for each in captures])
-    if np.median(seen.std(axis=0).max(axis=-1)) < 1e-4:
-        raise InputError("the photographs are all alike; expected photographs of different pictures")
+    for k, primary in enumerate(("red", "green", "blue")):
+        if np.median(small[..., k].std(axis=0)) < LEAST_VARIED:
+            raise InputError(f"the pictures are all alike in {primary}; expected pictures that differ everywhere")
+        if np.quantile(seen[..., k].std(axis=0), LIT_SHARE) < 1e-4:
+            raise InputError(f"the photographs are all alike in {primary}; expected photographs of different pictures")
     bright = captures.max(axis=-1) >= SATURATED
     share = bright.mean(axis=(1, 2))
     if np.median(share) > MOST_SATURATED:

@@ -4,7 +4,7 @@ Pairs are matched by a list, by the last number in the names, or by content (mat
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ LEAST = 8  # pairs
 TIFF = (".tif", ".tiff")
 SUFFIXES = (*stored.SUFFIXES, *TIFF)
 LONGEST_SIDE = 640  # camera pixels of a room's longer side, unless given
+SHORTEST_SIDE, STRETCHED = 32, 0.01  # least camera pixels of a room's shorter side; change of the aspect ratio
 Size = tuple[int, int]  # (width, height)
 
 
@@ -97,15 +98,18 @@ def check_count(count: int, where: Path) -> None:
 
 def read_pictures(paths: Sequence[Path]) -> NDArray[np.uint8]:
     """Read projector pictures as 8-bit code values, (pictures, height, width, 3). All must have the same size."""
+    return np.stack(list(each_picture(paths)))
+
+
+def each_picture(paths: Sequence[Path]) -> Iterator[NDArray[np.uint8]]:
+    """Like `read_pictures`, one picture at a time."""
     first: tuple[int, ...] = ()
-    result = []
     for path in paths:
         picture = _coloured(read_photograph(path))
         codes = np.rint(picture / 257).astype(np.uint8) if picture.dtype == np.uint16 else picture
         first = first or codes.shape
         _check_size(path, codes.shape, first, paths[0])
-        result.append(codes)
-    return np.stack(result)
+        yield codes
 
 
 def read_photographs(
@@ -118,20 +122,27 @@ def read_photographs(
     response : the camera's response; None for linear RAW and 16-bit files, and sRGB for 8-bit files.
     size : (width, height) to reduce to; None to divide the size by the least integer for LONGEST_SIDE.
     """
+    return np.stack(list(each_photograph(paths, response, size)))
+
+
+def each_photograph(
+    paths: Sequence[Path], response: Response | None, size: Size | None = None
+) -> Iterator[NDArray[np.floating]]:
+    """Like `read_photographs`, one photograph at a time."""
     first: tuple[int, ...] = ()
-    result = []
     for path in paths:
         picture = _coloured(read_photograph(path))
         first = first or picture.shape
         _check_size(path, picture.shape, first, paths[0])
+        if size is not None:
+            _check_reduction(path, picture.shape, size)
         if response is not None:
             refuse_curve(path, response, "--camera-response")
         here = response or default_response(path, picture)
         light = here.to_linear(picture / np.float32(np.iinfo(picture.dtype).max)).astype(np.float32)
         to = size or room_size(first)
         clipped = cv2.resize((light >= SATURATED).astype(np.float32), to, interpolation=cv2.INTER_AREA)
-        result.append(np.where(clipped > 0, 1, cv2.resize(light, to, interpolation=cv2.INTER_AREA)).astype(np.float32))
-    return np.stack(result)
+        yield np.where(clipped > 0, 1, cv2.resize(light, to, interpolation=cv2.INTER_AREA)).astype(np.float32)
 
 
 def read_photograph(path: Path) -> NDArray[Any]:
@@ -168,4 +179,15 @@ def _check_size(path: Path, found: Sequence[int], first: Sequence[int], of: Path
     if tuple(found) != tuple(first):
         raise InputError(
             f"{path}: {found[1]}x{found[0]}, but {of.name} is {first[1]}x{first[0]}; all must have the same size"
+        )
+
+
+def _check_reduction(path: Path, shape: Sequence[int], size: Size) -> None:
+    height, width = shape[:2]
+    fitting = size[0] * height / width
+    if min(size) < SHORTEST_SIDE or size[0] > width or abs(size[1] - fitting) > max(1, STRETCHED * fitting):
+        usual = room_size(shape)
+        raise InputError(
+            f"{path}: {width}x{height} cannot be reduced to {size[0]}x{size[1]}; expected the same aspect ratio, at "
+            f"least {SHORTEST_SIDE} pixels a side and at most the photograph's size, such as {usual[0]}x{usual[1]}"
         )
