@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from counterlight import calibration
 from counterlight.arrays import FloatArray
@@ -24,6 +25,7 @@ from counterlight.tools.pairs.room import ambient_of, transport_of
 from counterlight.tools.transport.storage import read_transport
 from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
 from tests.programs import refusal_here
+from tests.real.measures import srgb
 
 INNER = np.s_[16:80, 20:104]  # camera pixels inside the projector's picture
 
@@ -122,6 +124,30 @@ def test_the_command_makes_a_room_that_build_accepts(
     white = read_transport(stored).composition().reshape(*CAMERA, 3)[INNER]
     np.testing.assert_allclose(np.median(white / (0.9 * Wall().albedo[INNER])), 1, atol=0.05)
     assert build_correction_map.main([str(room), "--inverse", "none"]) == 0
+
+
+def test_a_room_from_8_bit_jpeg_with_a_black_photograph_and_a_smaller_camera(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """8-bit photographs are sRGB. Read as linear, they would show twice the light or more."""
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 12)
+    black = tmp_path / "black.jpg"
+    write(photographs / "black.png", Wall().capture(np.zeros((*PROJECTOR, 3), np.uint8), rng))
+    for path in sorted(photographs.iterdir()):
+        codes = np.rint(255 * srgb(read_picture(path) / 65535)).astype(np.uint8)
+        path.unlink()
+        Image.fromarray(codes).save(black if path.stem == "black" else path.with_suffix(".jpg"), quality=95)
+    words = [str(pictures), str(photographs), "-o", str(tmp_path / "room"), "--camera", "96x72", "--black", str(black)]
+    assert main(words) == 0
+    found = re.search(r"held-out captures? predicted to (\d+\.\d) dB", capsys.readouterr().out)
+    assert found is not None
+    assert float(found[1]) > 28  # 29.9 by a fit of 11 pairs with subsampled colour
+    stored = calibration.read(tmp_path / "room").calibration
+    assert stored.camera.shape == (72, 96)
+    assert np.percentile(np.abs(stored.ambient - AMBIENT), 99) < 0.006  # codes of 8 bits are 0.0008 apart; JPEG
+    white = cv2.resize(0.9 * Wall().albedo, (96, 72), interpolation=cv2.INTER_AREA)[12:60, 15:78]
+    T = read_transport(calibration.read(tmp_path / "room")).composition().reshape(72, 96, 3)[12:60, 15:78]
+    assert np.median(T / white) == pytest.approx(1, abs=0.12)  # extrapolated to white; 1.3 or more if read as linear
 
 
 def test_a_pair_that_does_not_belong_is_named_and_left_out(

@@ -27,6 +27,7 @@ LEAST = 8  # pairs
 TIFF = (".tif", ".tiff")
 SUFFIXES = (*stored.SUFFIXES, *TIFF)
 LONGEST_SIDE = 640  # camera pixels of a room's longer side, unless given
+ABOVE = 3  # folders between a CompenNet data set and a set-up: light, position, surface
 SHORTEST_SIDE, STRETCHED = 32, 0.01  # least camera pixels of a room's shorter side; change of the aspect ratio
 Size = tuple[int, int]  # (width, height)
 
@@ -49,6 +50,28 @@ def files_in(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: no such folder; expected a folder of pictures")
     found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
     return sorted(found, key=lambda path: (number_of(path) is None, number_of(path) or 0, path.name))
+
+
+def set_up_folders(pictures: Path, set_up: Path, part: str = "train") -> tuple[Path, Path] | None:
+    """Return the folders of pictures and photographs of a CompenNet set-up; None without set_up/cam/raw/PART.
+
+    Several set-ups share pictures in PART of a folder above them. Others have pictures of their own in prj/share/PART.
+    """
+    photographs = set_up / "cam" / "raw" / part
+    if not photographs.is_dir():
+        return None
+    places = (pictures, set_up, *set_up.resolve().parents[:ABOVE])
+    known = [place / below / part for place in places for below in ("prj/share", "prj", "")]
+    return next((folder for folder in known if folder.is_dir()), pictures), photographs
+
+
+def black_photograph(pictures: Path, set_up: Path) -> Path | None:
+    """Return the photograph of the black picture among the reference pictures of a CompenNet set-up, if any."""
+    folders = set_up_folders(pictures, set_up, "ref")
+    shown, seen = (files_in(folder) for folder in folders) if folders else ([], [])
+    by_number = {number_of(path): path for path in seen}
+    both = [path for path in shown if number_of(path) is not None and number_of(path) in by_number]
+    return next((by_number[number_of(path)] for path in both if not read_photograph(path).any()), None)
 
 
 def number_of(path: Path) -> int | None:

@@ -22,6 +22,7 @@ from counterlight.tools.pairs.model import BLOCK, HALO, REACH, SPREAD, WIDE_HALO
 from counterlight.tools.pairs.photographs import (
     Pair,
     Size,
+    black_photograph,
     check_count,
     default_response,
     each_photograph,
@@ -32,6 +33,7 @@ from counterlight.tools.pairs.photographs import (
     read_photograph,
     read_photographs,
     read_pictures,
+    set_up_folders,
 )
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transport, stacked
@@ -108,11 +110,13 @@ def import_pairs_room(
         check_file(options.quality, suffixes=[".png"], inputs=inputs)
     check_apart(folder, options.quality)
     with calibration.replacing(folder, force=force, inputs=inputs) as stage:
+        black = options.black or black_photograph(pictures, photographs)
+        pictures, photographs = set_up_folders(pictures, photographs) or (pictures, photographs)
         pairs, by, unmatched = find_pairs(pictures, photographs, options)
         codes = read_pictures([pair.picture for pair in pairs])
-        photographed = [pair.photograph for pair in pairs] + ([options.black] if options.black else [])
+        photographed = [pair.photograph for pair in pairs] + ([black] if black else [])
         light = read_photographs(photographed, options.camera_response, options.camera)
-        captures, ambient = light[: len(pairs)], light[-1] if options.black else None
+        captures, ambient = light[: len(pairs)], light[-1] if black else None
         height, width = captures.shape[1:3]
         memory.check(
             FITS * 4 * len(prior(0)) * len(pairs) * height * width,
