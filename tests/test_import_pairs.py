@@ -15,7 +15,7 @@ from counterlight.errors import InputError
 from counterlight.files.picture_files import read_picture
 from counterlight.tools import build_correction_map
 from counterlight.tools.import_pairs import main
-from counterlight.tools.pairs.fitting import Fitted, agreement, capture_gains, fit_pairs
+from counterlight.tools.pairs.fitting import Border, Fitted, agreement, capture_gains, fit_pairs
 from counterlight.tools.pairs.geometry import regression
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import fit
@@ -220,6 +220,34 @@ def test_a_list_of_pairs_is_read_and_checked(
     assert "IMG_100.png, which does not exist" in refusal(capsys, pictures, photographs, "--pairs", str(listed))
     listed.write_text("frame000.png, IMG_000.png\nframe001.png, IMG_000.png\n", "utf-8-sig")
     assert "line 2 names IMG_000.png again" in refusal(capsys, pictures, photographs, "--pairs", str(listed))
+
+
+def test_the_border_tells_the_gain_of_a_capture(rng: np.random.Generator) -> None:
+    """The border's own wander has a third of the gains' deviation, and its light is 20 % above the prediction."""
+    lit = np.zeros((40, 60), bool)
+    lit[10:30, 10:50] = True
+    predicted = np.where(lit[..., None], 0.4, 0.05) * rng.uniform(0.5, 1.5, (24, 1, 1, 1)) * np.ones((24, 40, 60, 3))
+    gains = np.exp(rng.normal(0, 0.03, (24, 3)))
+    wander = np.where(lit[..., None], 1, np.exp(rng.normal(0, 0.01, (24, 1, 1, 3))))
+    captures = predicted * gains[:, None, None] * wander * np.where(lit[..., None], 1, 1.2)
+    border = Border.fit(predicted[:16], captures[:16], gains[:16], lit)
+    found = border.gains(predicted[16:], captures[16:])
+    assert 0.8 < border.share < 1
+    np.testing.assert_allclose(border.usual, 1.2, rtol=0.03)
+    error = np.log(found) - np.log(gains[16:] / np.exp(np.log(gains[:16]).mean(axis=0)))
+    assert error.std() < 0.5 * np.log(gains[16:]).std()  # a third is expected
+
+
+def test_a_border_without_relation_to_the_gain_is_not_used(rng: np.random.Generator) -> None:
+    lit = np.zeros((40, 60), bool)
+    lit[10:30, 10:50] = True
+    predicted = np.full((16, 40, 60, 3), 0.3)
+    gains = np.tile(np.where(np.arange(16) % 2, 1.03, 1 / 1.03)[:, None], 3)
+    border = np.where(np.arange(16) // 2 % 2, 1.03, 1 / 1.03)[:, None, None, None]
+    captures = predicted * np.where(lit[..., None], gains[:, None, None], border)
+    assert Border.fit(predicted, captures, gains, lit).share == pytest.approx(0, abs=1e-9)
+    everywhere = Border.fit(predicted, captures, gains, np.ones((40, 60), bool))
+    np.testing.assert_array_equal(everywhere.gains(predicted, captures), np.ones((16, 3)))
 
 
 @pytest.mark.filterwarnings("error")

@@ -65,13 +65,18 @@ def _forward(fitted: Fitted, test: DataSet) -> None:
             flush=True,
         )
     lit = fitted.lit
+    seen = predicted * fitted.border.gains(predicted, test.captures)[:, None, None]
+    print(
+        f"forward with gains from the border: {psnr(seen, test.captures, lit):.2f} dB linear, "
+        f"{psnr(srgb(seen), srgb(test.captures), lit):.2f} dB code values"
+    )
     gains = (predicted * test.captures)[:, lit].sum(axis=1) / (predicted**2)[:, lit].sum(axis=1)
     adjusted = predicted * gains[:, None, None]
     print(
         f"forward with gains fitted to the judged captures ({np.abs(gains - 1).max():.3f} at most): "
         f"{psnr(adjusted, test.captures, lit):.2f} dB linear, {psnr(srgb(adjusted), srgb(test.captures), lit):.2f} dB"
     )
-    print(f"{HEADER}\n| forward, code values | {measured(srgb(predicted), srgb(test.captures), lit)} |", flush=True)
+    print(f"{HEADER}\n| forward, code values | {measured(srgb(seen), srgb(test.captures), lit)} |", flush=True)
 
 
 def _surrogate(fitted: Fitted, train: DataSet, test: DataSet) -> None:

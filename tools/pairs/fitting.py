@@ -22,8 +22,49 @@ MOST_SATURATED, LEAST_VARIED = 0.25, 0.02  # share of lit values; deviation of c
 LIT = 0.5  # correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
+DARK = 1e-6  # sum of squared radiance that tells nothing about a gain
 LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # of the camera's range; camera pixels that determine a gain
 MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
+
+
+@dataclass(frozen=True)
+class Border:
+    """What camera pixels that the projector does not light directly tell about the gain of a capture.
+
+    ln gain = share (ln g − ln usual), with g the least-squares gain of these pixels: captured over predicted light.
+
+    pixels : (height, width) bool.
+    usual : (3,). Mean g of the pairs.
+    share : part of g that is the gain of the whole capture; 0 if these pixels tell nothing.
+    """
+
+    pixels: BoolArray
+    usual: FloatArray
+    share: float
+
+    @classmethod
+    def fit(cls, predicted: Pictures, captures: Pictures, gains: FloatArray, lit: BoolArray) -> "Border":
+        """Compare the gains of captures with the gains of their borders; predictions are at gain 1."""
+        pixels = cv2.erode((~lit).astype(np.uint8), np.ones(PATCH)).astype(bool)
+        if pixels.sum() < LEAST_PIXELS:
+            return cls(pixels, np.ones(3), 0.0)
+        seen, true = (np.log(each) for each in (_ratios(predicted, captures, pixels), gains))
+        usual = seen.mean(axis=0)
+        seen, true = seen - usual, true - true.mean(axis=0)
+        share = np.clip((seen * true).sum() / max(float((seen * seen).sum()), 1e-12), 0, 1)
+        return cls(pixels, np.exp(usual), float(share))
+
+    def gains(self, predicted: Pictures, captures: Pictures) -> FloatArray:
+        """Estimate the gains of captures, (captures, 3), from their predictions at gain 1."""
+        if self.share == 0:
+            return np.ones((len(captures), 3))
+        relative = _ratios(predicted, captures, self.pixels) / self.usual
+        return np.asarray(np.clip(relative**self.share, 1 / MOST_GAIN, MOST_GAIN))
+
+
+def _ratios(predicted: Pictures, captures: Pictures, pixels: BoolArray) -> FloatArray:
+    expected, found = (np.maximum(each[:, pixels].astype(np.float64), 0) for each in (predicted, captures))
+    return np.asarray(((expected * found).sum(axis=1) + DARK) / ((expected * expected).sum(axis=1) + DARK))
 
 
 @dataclass(frozen=True)
@@ -35,6 +76,7 @@ class Fitted:
     gains : (pairs, 3). Gain of each capture.
     unsteady : (pairs,) bool. Captures whose gain is beyond MOST_GAIN, which the fit uses instead.
     lit : (height, width) bool. Camera pixels that the projector lights directly.
+    border : what the other camera pixels tell about gains.
     """
 
     places: Places
@@ -44,6 +86,7 @@ class Fitted:
     gains: FloatArray
     unsteady: BoolArray
     lit: BoolArray
+    border: Border
 
     def shown(self, pictures: NDArray[np.uint8]) -> Pictures:
         """Return the light of pictures as the camera sees it without spread, (pictures, height, width, 3)."""
@@ -96,7 +139,8 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
     gains = np.clip(measured, 1 / MOST_GAIN, MOST_GAIN)
     gains /= np.exp(np.log(gains).mean(axis=0))
     model = fit(shown, captures, gains=gains, linear=additive)
-    return Fitted(places, processing, model, factor, gains, unsteady, lit)
+    border = Border.fit(model.predict(shown), captures, gains, lit)
+    return Fitted(places, processing, model, factor, gains, unsteady, lit, border)
 
 
 def inside(places: Places, shape: tuple[int, int]) -> BoolArray:

@@ -133,6 +133,7 @@ def import_pairs_room(
         held = max(1, len(kept) // HELD)
         trial = fit_pairs(codes[:-held], captures[:-held], additive=True)
         predicted = trial.predict(codes[-held:])
+        predicted = predicted * trial.border.gains(predicted, captures[-held:])[:, None, None].astype(np.float32)
         quality = decibels(predicted, captures[-held:], trial.lit)
         if wrong:
             fitted = fit_pairs(codes, captures, additive=True)
