@@ -138,6 +138,9 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
     unsteady = np.asarray(((measured > MOST_GAIN) | (measured < 1 / MOST_GAIN)).any(axis=1))
     gains = np.clip(measured, 1 / MOST_GAIN, MOST_GAIN)
     gains /= np.exp(np.log(gains).mean(axis=0))
+    direct = _direct(captures, gains, coarse.halo(shown))
+    processing = _response(places, pictures, light, direct, factor, additive=additive)
+    shown = np.stack([places.warped(each) for each in light_of(pictures, processing, factor)])
     model = fit(shown, captures, gains=gains, linear=additive)
     border = Border.fit(model.predict(shown), captures, gains, lit)
     return Fitted(places, processing, model, factor, gains, unsteady, lit, border)
@@ -164,6 +167,12 @@ def _check(pictures: NDArray[np.uint8], captures: Pictures) -> None:
             f"{100 * np.median(share):.0f} % of a typical photograph is saturated, expected at most "
             f"{100 * MOST_SATURATED:.0f} %; photograph the pictures again with a shorter exposure"
         )
+
+
+def _direct(captures: Pictures, gains: FloatArray, halo: Pictures) -> Pictures:
+    """Return captures at gain 1 without their halo, which the response must not explain; saturated values stay."""
+    direct = captures / gains[:, None, None].astype(np.float32) - halo
+    return np.where(captures >= SATURATED, captures, direct)
 
 
 def _response(
