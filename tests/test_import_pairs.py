@@ -295,10 +295,10 @@ def test_saturated_captures_stay_saturated_at_another_gain(rng: np.random.Genera
 
 
 def test_a_reduced_pixel_is_saturated_where_any_site_is(tmp_path: Path) -> None:
-    picture = np.full((8, 8, 3), 20000, np.uint16)
+    picture = np.full((64, 64, 3), 20000, np.uint16)
     picture[0, 0] = 65535
     write(tmp_path / "a.png", picture)
-    found = read_photographs([tmp_path / "a.png"], None, (4, 4))[0]
+    found = read_photographs([tmp_path / "a.png"], None, (32, 32))[0]
     assert (found[0, 0] == 1).all()
     assert (found[1:] < 0.4).all()
 
