@@ -23,6 +23,7 @@ def dng(
     pattern: Sequence[int] = RGGB,
     neutral: Sequence[float] = (0.5, 1.0, 0.6),
     area: Sequence[int] = (),
+    orientation: int = 1,
 ) -> bytes:
     """Returns a DNG file of a mosaic, (height, width).
 
@@ -30,6 +31,7 @@ def dng(
     pattern : colours of the quad: 0 red, 1 green, 2 blue.
     neutral : the camera's white balance, which readers of raw sensor values ignore.
     area : top, left, bottom and right of the exposed area.
+    orientation : as EXIF numbers it.
     """
     height, width = mosaic.shape
     side = round(len(pattern) ** 0.5)
@@ -46,7 +48,7 @@ def dng(
         (262, SHORT, [32803 if pattern else 34892]),  # a colour filter array, or linear light
         (271, ASCII, list(b"Counterlight\0")),
         (272, ASCII, list(b"Test\0")),
-        (274, SHORT, [1]),
+        (274, SHORT, [orientation]),
         (277, SHORT, [1]),
         (278, LONG, [height]),
         *filters,

@@ -1,13 +1,18 @@
 """Evaluate folders of real pairs: `python -m tests.real FOLDER`."""
 
 import argparse
+import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from counterlight.command import parse_size, run
+from counterlight.errors import InputError
 from counterlight.tools.pairs.fitting import Fitted, fit_pairs
+from counterlight.tools.pairs.photographs import LEAST
 from counterlight.tools.pairs.surrogate import SIZE, fit_surrogate, reduced_codes
 from tests.real.folders import HELD, DataSet, read_data_set
 from tests.real.measures import measured, psnr, srgb
@@ -15,12 +20,21 @@ from tests.real.measures import measured, psnr, srgb
 HEADER = "| | PSNR | RMSE | SSIM | ΔE2000 |\n|---|---|---|---|---|"
 
 
-def main() -> None:
-    options = _parser().parse_args()
-    size = tuple(int(side) for side in options.size.split("x")) if options.size else None
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    size = options.size[::-1] if options.size else None
     train, test = read_data_set(options.folder, options.pictures, options.photographs, size)
     if test is None:
         train, test = _split(train, options.train, options.test)
+    if len(train.names) < LEAST or not test.names:
+        raise InputError(
+            f"{options.folder}: {len(train.names)} training pairs and {len(test.names)} held out, expected at least "
+            f"{LEAST} and 1; change --train and --test"
+        )
     print(f"{len(train.names)} training pairs, {len(test.names)} held out: {', '.join(test.names)}", flush=True)
     start = time.monotonic()
     fitted = fit_pairs(train.pictures, train.captures, additive=options.additive)
@@ -33,7 +47,7 @@ def main() -> None:
 
 def _split(pairs: DataSet, train: int | None, test: int | None) -> tuple[DataSet, DataSet]:
     held = test or max(1, len(pairs.names) // HELD)
-    last = len(pairs.names) - held if train is None else train
+    last = max(0, len(pairs.names) - held) if train is None else train
     return _some(pairs, slice(0, last)), _some(pairs, slice(last, last + held))
 
 
@@ -51,13 +65,18 @@ def _forward(fitted: Fitted, test: DataSet) -> None:
             flush=True,
         )
     lit = fitted.lit
+    seen = predicted * fitted.border.gains(predicted, test.captures)[:, None, None]
+    print(
+        f"forward with gains from the border: {psnr(seen, test.captures, lit):.2f} dB linear, "
+        f"{psnr(srgb(seen), srgb(test.captures), lit):.2f} dB code values"
+    )
     gains = (predicted * test.captures)[:, lit].sum(axis=1) / (predicted**2)[:, lit].sum(axis=1)
     adjusted = predicted * gains[:, None, None]
     print(
         f"forward with gains fitted to the judged captures ({np.abs(gains - 1).max():.3f} at most): "
         f"{psnr(adjusted, test.captures, lit):.2f} dB linear, {psnr(srgb(adjusted), srgb(test.captures), lit):.2f} dB"
     )
-    print(f"{HEADER}\n| forward, code values | {measured(srgb(predicted), srgb(test.captures), lit)} |", flush=True)
+    print(f"{HEADER}\n| forward, code values | {measured(srgb(seen), srgb(test.captures), lit)} |", flush=True)
 
 
 def _surrogate(fitted: Fitted, train: DataSet, test: DataSet) -> None:
@@ -69,22 +88,32 @@ def _surrogate(fitted: Fitted, train: DataSet, test: DataSet) -> None:
     print(f"| surrogate | {measured(found, true, everywhere)} |", flush=True)
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"a number of pairs is at least 0, found {text!r}")
+    return int(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.real", description=__doc__)
     parser.add_argument("folder", type=Path, help="folder of the data set")
-    parser.add_argument("--pictures", metavar="NAME", help="folder of the pictures below it (default: prj/share/train)")
+    parser.add_argument(
+        "--pictures",
+        metavar="NAME",
+        help="folder of the pictures below it (default: prj/share/train or ../train)",
+    )
     parser.add_argument(
         "--photographs", metavar="NAME", help="folder of the captures below it (default: cam/raw/train)"
     )
-    parser.add_argument("--train", type=int, help="number of training pairs (default: all but the held-out pairs)")
+    parser.add_argument("--train", type=_count, help="number of training pairs (default: all but the held-out pairs)")
     parser.add_argument(
-        "--test", type=int, help="number of held-out pairs after the training pairs (default: an eighth)"
+        "--test", type=_count, help="number of held-out pairs after the training pairs (default: an eighth)"
     )
-    parser.add_argument("--size", metavar="WxH", help="size of the captures (default: half)")
+    parser.add_argument("--size", type=parse_size, metavar="WxH", help="size of the captures (default: half)")
     parser.add_argument("--additive", action="store_true", help="fit what a calibration can hold, without φ")
     parser.add_argument("--directions", nargs="+", choices=["forward", "surrogate"], default=["forward", "surrogate"])
     return parser
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -6,16 +6,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.tools.pairs.matching import matched
+from counterlight.errors import InputError
+from counterlight.tools.pairs.geometry import NO_MATCH
 from counterlight.tools.pairs.photographs import (
-    Pair,
     Size,
     files_in,
-    pairs_by_number,
     read_photograph,
     read_photographs,
     read_pictures,
+    set_up_folders,
 )
+from counterlight.tools.pairs.room import matched_files
 
 HELD = 8  # one of so many pairs is held out where a data set does not say which
 
@@ -28,6 +29,13 @@ class DataSet:
     captures: NDArray[np.floating]
     names: list[str]
 
+    def check_like(self, train: "DataSet") -> None:
+        """Refuse held-out pairs of other sizes than the training pairs."""
+        for mine, others in ((self.pictures, train.pictures), (self.captures, train.captures)):
+            if mine.shape[1:] != others.shape[1:]:
+                sizes = [f"{shape[2]}x{shape[1]}" for shape in (mine.shape, others.shape)]
+                raise InputError(f"{self.names[0]}: {sizes[0]}, but the training pairs have {sizes[1]}")
+
 
 def read_data_set(
     folder: Path, pictures: str | None, photographs: str | None, size: Size | None
@@ -37,30 +45,28 @@ def read_data_set(
     pictures, photographs : folders below `folder`; None for the layout of the CompenNet data sets.
     size : (width, height) to reduce captures to; None for half their size.
     """
+    if bool(pictures) != bool(photographs):
+        raise InputError(f"{folder}: name both folders, with --pictures and --photographs")
     if pictures and photographs:
         return _read(folder / pictures, folder / photographs, size), None
-    shared = next((each for each in (folder / "prj" / "share", folder / "prj") if (each / "train").is_dir()), None)
-    camera = folder / "cam" / "raw"
-    if shared is None or not (camera / "train").is_dir():
-        raise SystemExit(
-            f"{folder}: no prj/share/train and cam/raw/train; name the folders with --pictures and --photographs"
-        )
-    train = _read(shared / "train", camera / "train", size)
-    has_test = (shared / "test").is_dir() and (camera / "test").is_dir()
-    return train, _read(shared / "test", camera / "test", size) if has_test else None
+    train, test = (set_up_folders(folder, folder, part) for part in ("train", "test"))
+    if train is None:
+        raise InputError(f"{folder}: no cam/raw/train; name the folders with --pictures and --photographs")
+    both = _read(*train, size), _read(*test, size) if test else None
+    if both[1]:
+        both[1].check_like(both[0])
+    return both
 
 
 def _read(pictures: Path, photographs: Path, size: Size | None) -> DataSet:
     shown, seen = files_in(pictures), files_in(photographs)
+    for folder, found in ((pictures, shown), (photographs, seen)):
+        if not found:
+            raise InputError(f"{folder}: no pictures; expected PNG, JPEG, TIFF or camera RAW")
+    pairs, _ = matched_files(shown, seen, None)
+    if not pairs:
+        raise InputError(f"{photographs}: {NO_MATCH}")
     height, width = read_photograph(seen[0]).shape[:2]
-    light = read_photographs(seen, None, size or (width // 2, height // 2))
-    pairs = pairs_by_number(shown, seen) if len(shown) == len(seen) else None
-    kept = np.arange(len(seen))
-    if pairs is None:
-        numbers = matched(list(read_pictures(shown) / np.float32(255)), list(light ** (1 / 2.2)))
-        if numbers is None:
-            raise SystemExit(f"{photographs}: does not show the pictures in {pictures}")
-        kept = np.flatnonzero(numbers >= 0)
-        pairs = [Pair(shown[numbers[number]], seen[number]) for number in kept]
+    light = read_photographs([pair.photograph for pair in pairs], None, size or (width // 2, height // 2))
     codes = read_pictures([pair.picture for pair in pairs])
-    return DataSet(codes, light[kept], [f"{pair.picture.name}={pair.photograph.name}" for pair in pairs])
+    return DataSet(codes, light, [f"{pair.picture.name}={pair.photograph.name}" for pair in pairs])

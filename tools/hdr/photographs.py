@@ -16,9 +16,14 @@ from counterlight.tools.hdr.raw_files import SUFFIXES as RAW
 SUFFIXES = (*picture_files.SUFFIXES, *RAW)
 
 
-def read_photograph(path: Path) -> NDArray[Any]:
-    """Returns code values (height, width) or (height, width, 3), uint8 or uint16; linear for RAW (`decode_raw`)."""
-    return decode_raw(read_bytes(path, MAX_BYTES, COPY), str(path)) if is_raw(path) else read_picture(path)
+def read_photograph(path: Path, *, upright: bool = False) -> NDArray[Any]:
+    """Returns code values (height, width) or (height, width, 3), uint8 or uint16; linear for RAW (`decode_raw`).
+
+    upright : whether to apply an orientation tag. Otherwise the pixels stay as the camera stored them.
+    """
+    if is_raw(path):
+        return decode_raw(read_bytes(path, MAX_BYTES, COPY), str(path), upright=upright)
+    return read_picture(path, upright=upright)
 
 
 def decode_photograph(content: bytes, name: str) -> NDArray[Any]:

@@ -34,6 +34,7 @@ from counterlight.files.reading import opened, read_bytes
 from counterlight.files.silence import overheard
 
 TOP = 65535
+QUARTER_TURNS = {3: 2, 5: 1, 6: -1}  # counterclockwise, by LibRaw's number of an orientation
 CELLS = {2: 2, 6: 3}  # period of the mosaic: side of the smallest square that contains every colour
 
 
@@ -89,8 +90,10 @@ def is_raw(name: str | Path) -> bool:
     return Path(name).suffix.lower() in SUFFIXES
 
 
-def decode_raw(content: bytes, name: str) -> NDArray[np.uint16]:
+def decode_raw(content: bytes, name: str, *, upright: bool = False) -> NDArray[np.uint16]:
     """Returns (height, width, 3) for a colour sensor, (height, width) for a grey one; 65535 is the white level.
+
+    upright : whether to apply the orientation tag.
 
     Raises InputError for a damaged or truncated file, for another format, and for RAW without a mosaic.
     """
@@ -103,7 +106,7 @@ def decode_raw(content: bytes, name: str) -> NDArray[np.uint16]:
                 f"{name}: not the sites of a sensor; choose full-size RAW in the camera, not small or linear"
             )
         codes = _developed(raw, name)
-    return codes
+        return np.rot90(codes, QUARTER_TURNS.get(sizes.flip, 0)) if upright else codes
 
 
 def raw_exposure(path: Path) -> tuple[float, float, float]:

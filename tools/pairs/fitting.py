@@ -17,12 +17,54 @@ ROUNDS = 2  # of response and places
 PATCH = (5, 5)  # camera pixels
 FLAT, FLATTEST = 0.03, 0.2  # deviation of code values around places where the response is fitted; share of places
 SAMPLES, LEAST_SAMPLES = 200_000, 1000
+LIT_SHARE = 0.9  # quantile of camera pixels that the projector lights even in a wide view
 MOST_SATURATED, LEAST_VARIED = 0.25, 0.02  # share of lit values; deviation of code values over the pairs
 LIT = 0.5  # correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
+DARK = 1e-6  # sum of squared radiance that tells nothing about a gain
 LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # of the camera's range; camera pixels that determine a gain
 MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
+
+
+@dataclass(frozen=True)
+class Border:
+    """What camera pixels that the projector does not light directly tell about the gain of a capture.
+
+    ln gain = share (ln g − ln usual), with g the least-squares gain of these pixels: captured over predicted light.
+
+    pixels : (height, width) bool.
+    usual : (3,). Mean g of the pairs.
+    share : part of g that is the gain of the whole capture; 0 if these pixels tell nothing.
+    """
+
+    pixels: BoolArray
+    usual: FloatArray
+    share: float
+
+    @classmethod
+    def fit(cls, predicted: Pictures, captures: Pictures, gains: FloatArray, lit: BoolArray) -> "Border":
+        """Compare the gains of captures with the gains of their borders; predictions are at gain 1."""
+        pixels = cv2.erode((~lit).astype(np.uint8), np.ones(PATCH)).astype(bool)
+        if pixels.sum() < LEAST_PIXELS:
+            return cls(pixels, np.ones(3), 0.0)
+        seen, true = (np.log(each) for each in (_ratios(predicted, captures, pixels), gains))
+        usual = seen.mean(axis=0)
+        seen, true = seen - usual, true - true.mean(axis=0)
+        share = np.clip((seen * true).sum() / max(float((seen * seen).sum()), 1e-12), 0, 1)
+        return cls(pixels, np.exp(usual), float(share))
+
+    def gains(self, predicted: Pictures, captures: Pictures) -> FloatArray:
+        """Estimate the gains of captures, (captures, 3), from their predictions at gain 1."""
+        if self.share == 0:
+            return np.ones((len(captures), 3))
+        relative = _ratios(predicted, captures, self.pixels) / self.usual
+        return np.asarray(np.clip(relative**self.share, 1 / MOST_GAIN, MOST_GAIN))
+
+
+def _ratios(predicted: Pictures, captures: Pictures, pixels: BoolArray) -> FloatArray:
+    expected, found = (np.maximum(each[:, pixels].astype(np.float64), 0) for each in (predicted, captures))
+    return np.asarray(((expected * found).sum(axis=1) + DARK) / ((expected * expected).sum(axis=1) + DARK))
 
 
 @dataclass(frozen=True)
@@ -34,6 +76,7 @@ class Fitted:
     gains : (pairs, 3). Gain of each capture.
     unsteady : (pairs,) bool. Captures whose gain is beyond MOST_GAIN, which the fit uses instead.
     lit : (height, width) bool. Camera pixels that the projector lights directly.
+    border : what the other camera pixels tell about gains.
     """
 
     places: Places
@@ -43,6 +86,7 @@ class Fitted:
     gains: FloatArray
     unsteady: BoolArray
     lit: BoolArray
+    border: Border
 
     def shown(self, pictures: NDArray[np.uint8]) -> Pictures:
         """Return the light of pictures as the camera sees it without spread, (pictures, height, width, 3)."""
@@ -94,8 +138,12 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
     unsteady = np.asarray(((measured > MOST_GAIN) | (measured < 1 / MOST_GAIN)).any(axis=1))
     gains = np.clip(measured, 1 / MOST_GAIN, MOST_GAIN)
     gains /= np.exp(np.log(gains).mean(axis=0))
+    direct = _direct(captures, gains, coarse.halo(shown))
+    processing = _response(places, pictures, light, direct, factor, additive=additive)
+    shown = np.stack([places.warped(each) for each in light_of(pictures, processing, factor)])
     model = fit(shown, captures, gains=gains, linear=additive)
-    return Fitted(places, processing, model, factor, gains, unsteady, lit)
+    border = Border.fit(model.predict(shown), captures, gains, lit)
+    return Fitted(places, processing, model, factor, gains, unsteady, lit, border)
 
 
 def inside(places: Places, shape: tuple[int, int]) -> BoolArray:
@@ -106,11 +154,12 @@ def inside(places: Places, shape: tuple[int, int]) -> BoolArray:
 
 def _check(pictures: NDArray[np.uint8], captures: Pictures) -> None:
     small = np.stack([cv2.resize(each, (32, 24), interpolation=cv2.INTER_AREA) for each in pictures]) / 255.0
-    if np.median(small.std(axis=0)) < LEAST_VARIED:
-        raise InputError("the pictures are all alike; expected pictures that differ everywhere")
     seen = np.stack([cv2.resize(each, (32, 24), interpolation=cv2.INTER_AREA) for each in captures])
-    if np.median(seen.std(axis=0).max(axis=-1)) < 1e-4:
-        raise InputError("the photographs are all alike; expected photographs of different pictures")
+    for k, primary in enumerate(("red", "green", "blue")):
+        if np.median(small[..., k].std(axis=0)) < LEAST_VARIED:
+            raise InputError(f"the pictures are all alike in {primary}; expected pictures that differ everywhere")
+        if np.quantile(seen[..., k].std(axis=0), LIT_SHARE) < 1e-4:
+            raise InputError(f"the photographs are all alike in {primary}; expected photographs of different pictures")
     bright = captures.max(axis=-1) >= SATURATED
     share = bright.mean(axis=(1, 2))
     if np.median(share) > MOST_SATURATED:
@@ -118,6 +167,12 @@ def _check(pictures: NDArray[np.uint8], captures: Pictures) -> None:
             f"{100 * np.median(share):.0f} % of a typical photograph is saturated, expected at most "
             f"{100 * MOST_SATURATED:.0f} %; photograph the pictures again with a shorter exposure"
         )
+
+
+def _direct(captures: Pictures, gains: FloatArray, halo: Pictures) -> Pictures:
+    """Return captures at gain 1 without their halo, which the response must not explain; saturated values stay."""
+    direct = captures / gains[:, None, None].astype(np.float32) - halo
+    return np.where(captures >= SATURATED, captures, direct)
 
 
 def _response(

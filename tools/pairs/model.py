@@ -82,6 +82,16 @@ class Model:
                 result[..., k] += level.light(F, k)
         return result
 
+    def halo(self, shown: Pictures) -> Pictures:
+        """Return the halo in the captures of pictures."""
+        result = np.zeros_like(shown)
+        for k in range(3):
+            blurs = halos_of(shown[..., k], self.slope[..., k])
+            for number, blur in enumerate(blurs, WIDE_HALO - 1):
+                for level in self.levels:
+                    result[..., k] += blur * level.plane(k, number, shown.shape[1:3])
+        return result
+
 
 def bands(height: int, rows: int) -> Iterator[slice]:
     for start in range(0, height, rows):

@@ -4,7 +4,7 @@ Pairs are matched by a list, by the last number in the names, or by content (mat
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
+from counterlight.files.picture_files import MAX_BYTES
+from counterlight.files.reading import read_bytes
+from counterlight.files.silence import silence
 from counterlight.response import Response
 from counterlight.tools.hdr import photographs as stored
 from counterlight.tools.hdr.photographs import refuse_curve
@@ -24,6 +27,8 @@ LEAST = 8  # pairs
 TIFF = (".tif", ".tiff")
 SUFFIXES = (*stored.SUFFIXES, *TIFF)
 LONGEST_SIDE = 640  # camera pixels of a room's longer side, unless given
+ABOVE = 3  # folders between a CompenNet data set and a set-up: light, position, surface
+SHORTEST_SIDE, STRETCHED = 32, 0.01  # least camera pixels of a room's shorter side; change of the aspect ratio
 Size = tuple[int, int]  # (width, height)
 
 
@@ -45,6 +50,28 @@ def files_in(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: no such folder; expected a folder of pictures")
     found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
     return sorted(found, key=lambda path: (number_of(path) is None, number_of(path) or 0, path.name))
+
+
+def set_up_folders(pictures: Path, set_up: Path, part: str = "train") -> tuple[Path, Path] | None:
+    """Return the folders of pictures and photographs of a CompenNet set-up; None without set_up/cam/raw/PART.
+
+    Several set-ups share pictures in PART of a folder above them. Others have pictures of their own in prj/share/PART.
+    """
+    photographs = set_up / "cam" / "raw" / part
+    if not photographs.is_dir():
+        return None
+    places = (pictures, set_up, *set_up.resolve().parents[:ABOVE])
+    known = [place / below / part for place in places for below in ("prj/share", "prj", "")]
+    return next((folder for folder in known if folder.is_dir()), pictures), photographs
+
+
+def black_photograph(pictures: Path, set_up: Path) -> Path | None:
+    """Return the photograph of the black picture among the reference pictures of a CompenNet set-up, if any."""
+    folders = set_up_folders(pictures, set_up, "ref")
+    shown, seen = (files_in(folder) for folder in folders) if folders else ([], [])
+    by_number = {number_of(path): path for path in seen}
+    both = [path for path in shown if number_of(path) is not None and number_of(path) in by_number]
+    return next((by_number[number_of(path)] for path in both if not read_photograph(path).any()), None)
 
 
 def number_of(path: Path) -> int | None:
@@ -94,15 +121,18 @@ def check_count(count: int, where: Path) -> None:
 
 def read_pictures(paths: Sequence[Path]) -> NDArray[np.uint8]:
     """Read projector pictures as 8-bit code values, (pictures, height, width, 3). All must have the same size."""
+    return np.stack(list(each_picture(paths)))
+
+
+def each_picture(paths: Sequence[Path]) -> Iterator[NDArray[np.uint8]]:
+    """Like `read_pictures`, one picture at a time."""
     first: tuple[int, ...] = ()
-    result = []
     for path in paths:
         picture = _coloured(read_photograph(path))
         codes = np.rint(picture / 257).astype(np.uint8) if picture.dtype == np.uint16 else picture
         first = first or codes.shape
         _check_size(path, codes.shape, first, paths[0])
-        result.append(codes)
-    return np.stack(result)
+        yield codes
 
 
 def read_photographs(
@@ -115,27 +145,39 @@ def read_photographs(
     response : the camera's response; None for linear RAW and 16-bit files, and sRGB for 8-bit files.
     size : (width, height) to reduce to; None to divide the size by the least integer for LONGEST_SIDE.
     """
+    return np.stack(list(each_photograph(paths, response, size)))
+
+
+def each_photograph(
+    paths: Sequence[Path], response: Response | None, size: Size | None = None
+) -> Iterator[NDArray[np.floating]]:
+    """Like `read_photographs`, one photograph at a time."""
     first: tuple[int, ...] = ()
-    result = []
     for path in paths:
         picture = _coloured(read_photograph(path))
         first = first or picture.shape
         _check_size(path, picture.shape, first, paths[0])
+        if size is not None:
+            _check_reduction(path, picture.shape, size)
         if response is not None:
             refuse_curve(path, response, "--camera-response")
         here = response or default_response(path, picture)
         light = here.to_linear(picture / np.float32(np.iinfo(picture.dtype).max)).astype(np.float32)
         to = size or room_size(first)
         clipped = cv2.resize((light >= SATURATED).astype(np.float32), to, interpolation=cv2.INTER_AREA)
-        result.append(np.where(clipped > 0, 1, cv2.resize(light, to, interpolation=cv2.INTER_AREA)).astype(np.float32))
-    return np.stack(result)
+        yield np.where(clipped > 0, 1, cv2.resize(light, to, interpolation=cv2.INTER_AREA)).astype(np.float32)
 
 
 def read_photograph(path: Path) -> NDArray[Any]:
-    """Read a picture as stored, 8 or 16 bits, R'G'B' or grey: PNG, JPEG, RAW or TIFF."""
+    """Read a picture upright, 8 or 16 bits, R'G'B' or grey: PNG, JPEG, RAW or TIFF."""
     if path.suffix.lower() not in TIFF:
-        return stored.read_photograph(path)
-    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        return stored.read_photograph(path, upright=True)
+    content = np.frombuffer(read_bytes(path, MAX_BYTES, "save it as PNG"), np.uint8)
+    try:
+        with silence():  # OpenCV applies the orientation tag of a TIFF, but imread fails for quarter turns
+            found = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        found = None
     if found is None or found.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: cannot be read as TIFF of 8 or 16 bits; save it as PNG")
     return found if found.ndim == 2 else np.ascontiguousarray(found[..., 2::-1])
@@ -160,4 +202,15 @@ def _check_size(path: Path, found: Sequence[int], first: Sequence[int], of: Path
     if tuple(found) != tuple(first):
         raise InputError(
             f"{path}: {found[1]}x{found[0]}, but {of.name} is {first[1]}x{first[0]}; all must have the same size"
+        )
+
+
+def _check_reduction(path: Path, shape: Sequence[int], size: Size) -> None:
+    height, width = shape[:2]
+    fitting = size[0] * height / width
+    if min(size) < SHORTEST_SIDE or size[0] > width or abs(size[1] - fitting) > max(1, STRETCHED * fitting):
+        usual = room_size(shape)
+        raise InputError(
+            f"{path}: {width}x{height} cannot be reduced to {size[0]}x{size[1]}; expected the same aspect ratio, at "
+            f"least {SHORTEST_SIDE} pixels a side and at most the photograph's size, such as {usual[0]}x{usual[1]}"
         )

@@ -1,5 +1,6 @@
 """Make a calibration from pairs, and test it on pairs that the fit did not use."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight import calibration, memory
-from counterlight.arrays import BoolArray
+from counterlight.arrays import BoolArray, IntArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.picture_files import write_png
@@ -21,14 +22,18 @@ from counterlight.tools.pairs.model import BLOCK, HALO, REACH, SPREAD, WIDE_HALO
 from counterlight.tools.pairs.photographs import (
     Pair,
     Size,
+    black_photograph,
     check_count,
     default_response,
+    each_photograph,
+    each_picture,
     files_in,
     pairs_by_list,
     pairs_by_number,
     read_photograph,
     read_photographs,
     read_pictures,
+    set_up_folders,
 )
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transport, stacked
@@ -36,6 +41,7 @@ from counterlight.writing.outputs import check_apart, check_file
 from counterlight.writing.replacing import replacing_file
 
 FITS = 2  # copies of a fit's features in memory at once
+WRONG = 4  # one of so many pairs may be wrong
 HELD = 8  # one of so many pairs is predicted by a fit of the others
 FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are dropped
 CODES = 256
@@ -104,11 +110,13 @@ def import_pairs_room(
         check_file(options.quality, suffixes=[".png"], inputs=inputs)
     check_apart(folder, options.quality)
     with calibration.replacing(folder, force=force, inputs=inputs) as stage:
+        black = options.black or black_photograph(pictures, photographs)
+        pictures, photographs = set_up_folders(pictures, photographs) or (pictures, photographs)
         pairs, by, unmatched = find_pairs(pictures, photographs, options)
         codes = read_pictures([pair.picture for pair in pairs])
-        photographed = [pair.photograph for pair in pairs] + ([options.black] if options.black else [])
+        photographed = [pair.photograph for pair in pairs] + ([black] if black else [])
         light = read_photographs(photographed, options.camera_response, options.camera)
-        captures, ambient = light[: len(pairs)], light[-1] if options.black else None
+        captures, ambient = light[: len(pairs)], light[-1] if black else None
         height, width = captures.shape[1:3]
         memory.check(
             FITS * 4 * len(prior(0)) * len(pairs) * height * width,
@@ -125,6 +133,7 @@ def import_pairs_room(
         held = max(1, len(kept) // HELD)
         trial = fit_pairs(codes[:-held], captures[:-held], additive=True)
         predicted = trial.predict(codes[-held:])
+        predicted = predicted * trial.border.gains(predicted, captures[-held:])[:, None, None].astype(np.float32)
         quality = decibels(predicted, captures[-held:], trial.lit)
         if wrong:
             fitted = fit_pairs(codes, captures, additive=True)
@@ -149,18 +158,36 @@ def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tupl
         return pairs, "a list", []
     shown, seen = files_in(pictures), files_in(photographs)
     check_count(min(len(shown), len(seen)), photographs if len(seen) <= len(shown) else pictures)
+    pairs, by = matched_files(shown, seen, options.camera_response)
+    if not pairs:
+        raise InputError(f"{photographs}: {NO_MATCH}")
+    known = {pair.photograph for pair in pairs}
+    check_count(len(pairs), photographs)
+    return pairs, by, [f"{path.name}, which shows no picture" for path in seen if path not in known]
+
+
+def matched_files(shown: Sequence[Path], seen: Sequence[Path], response: Response | None) -> tuple[list[Pair], str]:
+    """Match photographs to pictures by number, or by content where the content contradicts the numbers.
+
+    Returns the pairs, none if no geometry is found, and how they were matched.
+    """
     by_number = pairs_by_number(shown, seen)
     if by_number:
-        return by_number, "number", []
-    codes = read_pictures(shown) / np.float32(255)
-    light = read_photographs(seen, options.camera_response, options.camera)
-    numbers = matched(list(codes), list(light ** (1 / 2.2)))
-    if numbers is None:
-        raise InputError(f"{photographs}: {NO_MATCH}")
-    pairs = [Pair(shown[n], path) for n, path in zip(numbers, seen, strict=True) if n >= 0]
-    unmatched = [f"{path.name}, which shows no picture" for n, path in zip(numbers, seen, strict=True) if n < 0]
-    check_count(len(pairs), photographs)
-    return pairs, "content", unmatched
+        found = _by_content([pair.picture for pair in by_number], seen, response, numbered=True)
+        if found is None or ((found >= 0) & (found != np.arange(len(seen)))).sum() <= len(seen) // WRONG:
+            return by_number, "number"
+    found = _by_content(shown, seen, response)
+    if found is None:
+        return by_number or [], "number"
+    return [Pair(shown[n], path) for n, path in zip(found, seen, strict=True) if n >= 0], "content"
+
+
+def _by_content(
+    shown: Sequence[Path], seen: Sequence[Path], response: Response | None, *, numbered: bool = False
+) -> IntArray | None:
+    pictures = (each / np.float32(255) for each in each_picture(shown))
+    captures = (each ** (1 / 2.2) for each in each_photograph(seen, response))
+    return matched(pictures, captures, numbered=numbered)
 
 
 def _sorted_out(
@@ -176,7 +203,7 @@ def _sorted_out(
             "other photographs; the camera moved in between. Photograph all pictures again from one place"
         )
     wrong = found.foreign | found.moved
-    if wrong.sum() > len(pairs) // 4:
+    if wrong.sum() > len(pairs) // WRONG:
         raise InputError(f"{wrong.sum()} of {len(pairs)} pairs do not belong to the room; {NO_MATCH}")
     lines = [
         f"{pairs[n].photograph.name}: shifted by {found.shift[n]:.1f} camera pixels"
