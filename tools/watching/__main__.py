@@ -30,6 +30,7 @@ from counterlight.unattended.watch_link import PAINT, Answer, Light, Message, Pi
 
 ANSWER_S, STARTING_S, RETRY_S, GONE_S = 0.5, 5.0, 5.0, 0.1
 READ_BYTES = 1 << 20
+STDIN, STDOUT = 0, 1  # not sys.stdout, which exr.py replaces while another thread reads the room
 
 
 def tell(words: Sequence[str] | None) -> None:
@@ -114,7 +115,7 @@ class _Process:
                 )
             answer = self._keep(answer)
             with suppress(BrokenPipeError):
-                os.write(sys.stdout.fileno(), answer.line())
+                os.write(STDOUT, answer.line())
             time.sleep(ANSWER_S)
 
     def _keep(self, answer: Answer) -> Answer:
@@ -154,7 +155,7 @@ class _Process:
 def _messages() -> Iterator[Message]:
     """Yield the messages of standard input until it ends."""
     unpacker = Unpacker()
-    while content := os.read(0, READ_BYTES):
+    while content := os.read(STDIN, READ_BYTES):
         yield from unpacker.feed(content)
 
 
