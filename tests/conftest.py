@@ -56,15 +56,18 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup ignores SIGHUP; t
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
-# Files that take one worker 40 s or more, longest first, so that no worker runs alone at the end.
+# Files that take one worker longest, longest first, so that no worker runs alone at the end. The third compiles nothing:
+# otherwise its worker would wait while the second compiles what both need.
 LONGEST_FIRST = (
-    "test_lint.py", "gl/test_audience.py", "test_supervisor.py", "test_unweighted_optimum.py", "test_segments.py",
-    "test_cluster.py", "gl/test_window.py", "gl/test_remote_page.py", "test_player.py", "test_study.py",
-    "test_pictures_first.py", "gl/test_remote_of_a_show.py", "gl/test_opening_beside_the_show.py",
-    "gl/test_memory_of_a_show.py", "gl/test_player_walk.py", "test_full_disk.py", "test_writing.py",
-    "test_hard_refinement.py", "test_solve.py", "test_averaging.py", "test_worth.py", "test_acquisition.py",
-    "test_verify_projection.py", "test_factoring.py", "test_questions.py", "test_displays.py",
-    "test_verifying_cameras.py", "test_wheel.py", "gl/test_displays.py", "gl/test_drift_of_a_show.py",
+    "test_lint.py", "gl/test_audience.py", "test_acquisition.py", "test_supervisor.py", "test_segments.py",
+    "test_cluster.py", "test_full_disk.py", "test_unweighted_optimum.py", "gl/test_window.py", "test_study.py",
+    "test_import_pairs.py", "test_player.py", "test_factoring.py", "test_playback.py", "gl/test_remote_of_a_show.py",
+    "test_worth.py", "test_writing.py", "test_curve.py", "gl/test_player_walk.py", "test_acquiring_several.py",
+    "test_real.py", "test_acquisition_bands.py", "gl/test_opening_beside_the_show.py", "test_api.py",
+    "gl/test_remote_page.py", "gl/test_in_step_shows.py", "test_averaging.py", "test_hard_cases.py",
+    "test_displays.py", "test_watching.py", "test_watching_joint.py", "test_verify_projection.py",
+    "test_camera_commands.py", "test_pictures_first.py", "test_questions.py", "gl/test_displays.py",
+    "gl/test_memory_of_a_show.py", "gl/test_watched_room.py", "gl/test_drift_of_a_show.py",
 )  # fmt: skip
 
 
