@@ -115,9 +115,11 @@ class Page:
         while True:
             self.ask(f"window.reached = false; addEventListener('{event}', {reached}, {{capture: true, once: true}})")
             gesture()
-            if self.ask("window.reached") is not False:  # None after the click has opened another page
-                return
-            assert time.monotonic() < deadline, (selector, self.complaints)
+            with contextlib.suppress(WentAwayError):  # the click is opening another page, so it has reached its element
+                if self.ask("window.reached") is False:
+                    assert time.monotonic() < deadline, (selector, self.complaints)
+                    continue
+            return
 
     def drag(self, *points: tuple[float, float]) -> None:
         """Press the left mouse button at the first point, move along the points and release it at the last."""
