@@ -6,11 +6,14 @@ sleep. OpenMP's default is to spin, and spinning threads slow the awaited core w
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from types import FunctionType
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating]
@@ -21,14 +24,24 @@ LARGE = 1 << 16  # entries or values
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read when the first parallel loop starts its threads
 
 
+class QuickCache(FunctionCache):
+    """Cache of a function's compiled code that loads without preparing to compile, which takes Numba 0.4 s."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled code for a signature, or None. Numba prepares later, before it compiles."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
+
 def kept(**options: Any) -> Callable[[Any], Any]:
     """Decorator: compile on first use, and cache for the next start if a writable folder exists. options : of njit."""
 
     def jitted(function: Any) -> Any:
-        try:
-            return numba.njit(cache=True, **options)(function)
-        except RuntimeError:  # neither the file's folder nor the user's cache is writable
-            return numba.njit(**options)(function)
+        made: Any = numba.njit(**options)(function)
+        with suppress(RuntimeError):  # neither the file's folder nor the user's cache is writable
+            made._cache = QuickCache(function)  # type: ignore[no-untyped-call]
+        return made
 
     return jitted
 
