@@ -22,7 +22,7 @@ from tests.oracles.formulas import planes_to_linear, within_gamut
 
 SPACES = {"bt2020": "ITU-R BT.2020", "p3": "Display P3"}
 TAGS = {"color_primaries": 9, "colorspace": 9, "color_range": 1}
-X265 = "lossless=1:log-level=none"
+X265 = "lossless=1:log-level=none:bframes=0"
 
 
 def colours(rng: np.random.Generator, transfer: str, **more: Any) -> Frame:
