@@ -308,6 +308,21 @@ def test_every_pass_is_compiled_before_the_first_frame() -> None:
     assert python("-c", KNOWN) == "True\n"
 
 
+LOADED = """
+import sys
+from counterlight.maps.products import kept
+from counterlight.show.compiling import compile_passes
+compile_passes()
+print("numba.np.linalg" in sys.modules, kept()(lambda value: value * 2)(3))
+"""
+
+
+def test_passes_are_loaded_without_what_only_compiling_needs() -> None:
+    """It takes longer than loading. A function that is compiled afterwards still finds it."""
+    compile_passes()  # the next process finds them in the cache
+    assert python("-c", LOADED) == "False 6\n"
+
+
 @pytest.mark.parametrize(("kept_in", "how"), [("a folder", "once"), (None, "at every start, since no folder")])
 def test_compiling_is_said_only_where_something_is_compiled(
     kept_in: str | None, how: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
