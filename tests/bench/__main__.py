@@ -9,7 +9,7 @@ import platform
 import time
 from collections.abc import Callable, Iterable
 
-from tests.bench import acquisition, budgets, change, frames, hdr, maps, show, sizes, solvers, words
+from tests.bench import acquisition, budgets, change, frames, hdr, maps, show, sizes, solvers, start, words
 
 ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "shader": frames.shader,
@@ -17,6 +17,7 @@ ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "words": words.words,
     "frames": frames.frames,
     "show": show.show,
+    "start": start.start,
     "change": change.change,
     "budget": budgets.budgets,
     "focus": solvers.focus_experiment,
