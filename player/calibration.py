@@ -36,8 +36,9 @@ FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
 PRIMARIES = "primary_red.exr", "primary_green.exr", "primary_blue.exr"
 LIGHT = "transport_*.npz", "far_light.npz", "blurred_light.npz"
+INTERVAL = "interval.npz"
 VIEWS = viewpoints.TOML, viewpoints.FOLDER
-PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, "correction", "placement.toml", "drift", *VIEWS)
+PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, INTERVAL, "correction", "placement.toml", "drift", *VIEWS)
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 # tolerance of a row's sum, as text rounds it; least determinant of `colour`, which must be invertible
 GREY, LEAST_COLOUR = 1e-3, 1e-3

@@ -22,6 +22,7 @@ from counterlight.tools.pairs.model import WIDE_HALO, Level, Model, fit
 from counterlight.tools.pairs.photographs import read_photograph, read_photographs
 from counterlight.tools.pairs.processing import fit_processing
 from counterlight.tools.pairs.room import ambient_of, transport_of
+from counterlight.tools.transport.interval import read_interval
 from counterlight.tools.transport.storage import read_transport
 from tests.pairs_of_rooms import AMBIENT, CAMERA, GAMMA, PROJECTOR, Wall, natural_pictures, write, write_pairs
 from tests.programs import refusal_here
@@ -138,6 +139,7 @@ def test_the_command_makes_a_room_that_build_accepts(
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert re.search(r"16 pairs matched by number; 2 held-out captures predicted to \d+\.\d dB", printed)
+    assert re.search(r"expected on the wall: .+\. A picture arrives to about \d+\.\d dB, and 9 of 10 camera", printed)
     assert printed.endswith(f"next: counterlight build {room}\n")
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)
@@ -145,6 +147,13 @@ def test_the_command_makes_a_room_that_build_accepts(
     assert np.percentile(np.abs(stored.calibration.ambient[INNER] - AMBIENT), 99) < 0.03  # extrapolated to black
     white = read_transport(stored).composition().reshape(*CAMERA, 3)[INNER]
     np.testing.assert_allclose(np.median(white / (0.9 * Wall().albedo[INNER])), 1, atol=0.05)
+    inside, interval, T = [], read_interval(stored), read_transport(stored)
+    assert interval is not None
+    for codes in natural_pictures(rng, 12):
+        drive = stored.calibration.response.to_linear(codes).reshape(-1, 3)
+        predicted = (T @ drive).reshape(*CAMERA, 3) + stored.calibration.ambient
+        inside.append(interval.inside(predicted, Wall().capture(codes, rng) / 65535)[stored.calibration.mask].mean())
+    assert np.mean(inside) == pytest.approx(0.92, abs=0.04)  # fits of 12 pairs predict worse than the room of 16
     assert build_correction_map.main([str(room), "--inverse", "none"]) == 0
 
 

@@ -55,6 +55,8 @@ def test_a_set_up_is_evaluated_in_both_directions(
     assert "12 training pairs, 2 held out: img_0001.png=img_0001.png, img_0002.png=img_0002.png" in printed
     forward = [float(each) for each in re.findall(r"forward, \d levels: (\S+) dB linear", printed)]
     assert forward[-1] > max(30, forward[0])  # noise of 0.2 % of white, and 12 pairs
+    inside = [float(each) for each in re.findall(r"(?:interval|one width): (\S+) % inside", printed)]
+    np.testing.assert_allclose(inside, 92, atol=6)  # 2 captures; a fit of 9 pairs predicts worse than of 12
     alone, found = (float(re.search(rf"{name} \| (\S+) dB", printed)[1]) for name in ("inverse", "surrogate"))
     assert found > alone + 1
 

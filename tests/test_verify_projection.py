@@ -23,6 +23,8 @@ from counterlight.tools.acquisition.preflight import CHECKS
 from counterlight.tools.acquisition.room_check import REPEATS
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.devices import Sensor
+from counterlight.tools.transport.interval import CELL, Interval, write_interval
+from counterlight.tools.transport.storage import read_transport, write_transport
 from tests.drifted_rooms import write_changed
 from tests.joint_rooms import join, write_halves
 from tests.programs import PATIENCE_S, running, verb
@@ -320,3 +322,25 @@ def test_the_acquisition_ends_with_its_report(rooms: Path) -> None:
         assert promised["with_check_error"] < promised["by_transport"]
     floodlight = cv2.imread(str(folder / "floodlight.png"))
     assert floodlight.shape == (*CAMERA, 3)
+
+
+def test_the_share_inside_the_interval_of_a_room_is_printed(
+    wall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All values are inside a very wide interval, and hardly any inside a very narrow interval."""
+    stored = calibration.read(wall)
+    picture = tmp_path / "picture.png"
+    cv2.imwrite(str(picture), np.full((*stored.calibration.camera.shape, 3), 120, np.uint8))
+    cells = tuple(-(-side // CELL) for side in stored.calibration.camera.shape)
+    shares = []
+    for width in (1e3, 1e-9):
+        room = tmp_path / f"{width}"
+        with calibration.writing(room, stored.calibration) as stage:
+            write_transport(read_transport(stored), stage)
+            write_interval(Interval(np.full((3, 2), width**2), np.ones((*cells, 3), np.float32)), stage)
+        assert verify_projection.main([str(room), str(picture), "--camera", f"simulated:{wall}"]) == 0
+        found = re.search(r"(\S+) % of the captured values are inside the 90 % interval", capsys.readouterr().out)
+        shares.append(None if found is None else float(found[1]))
+    assert shares == [100, pytest.approx(0, abs=1)]
+    assert verify_projection.main([str(wall), str(picture), "--camera", f"simulated:{wall}"]) == 0
+    assert "interval" not in capsys.readouterr().out

@@ -11,12 +11,14 @@ import numpy as np
 
 from counterlight.command import parse_size, run
 from counterlight.errors import InputError
-from counterlight.tools.pairs.fitting import Fitted, fit_pairs
+from counterlight.tools.pairs.fitting import Fitted, fit_pairs, held_back
 from counterlight.tools.pairs.photographs import LEAST
 from counterlight.tools.pairs.surrogate import SIZE, fit_surrogate, reduced_codes
+from counterlight.tools.transport.interval import NOMINAL, fit_interval
 from tests.real.folders import HELD, DataSet, read_data_set
-from tests.real.measures import measured, psnr, srgb
+from tests.real.measures import coverage, measured, psnr, srgb
 
+DIRECTIONS = ["forward", "interval", "surrogate"]
 HEADER = "| | PSNR | RMSE | SSIM | ΔE2000 |\n|---|---|---|---|---|"
 
 
@@ -40,6 +42,8 @@ def _main(argv: Sequence[str] | None) -> None:
     fitted = fit_pairs(train.pictures, train.captures, additive=options.additive)
     if "forward" in options.directions:
         _forward(fitted, test)
+    if "interval" in options.directions:
+        _interval(fitted, train, test, additive=options.additive)
     if "surrogate" in options.directions:
         _surrogate(fitted, train, test)
     print(f"{time.monotonic() - start:.0f} s")
@@ -79,6 +83,22 @@ def _forward(fitted: Fitted, test: DataSet) -> None:
     print(f"{HEADER}\n| forward, code values | {measured(srgb(seen), srgb(test.captures), lit)} |", flush=True)
 
 
+def _interval(fitted: Fitted, train: DataSet, test: DataSet, *, additive: bool) -> None:
+    """Print the share of captured values inside the interval, and its width, next to an interval of one width."""
+    lit, border = fitted.lit, fitted.border
+    held = held_back(fitted, train.pictures, train.captures, additive=additive)
+    predicted = fitted.predict(test.pictures)
+    held *= border.gains(held, train.captures)[:, None, None].astype(np.float32)
+    predicted *= border.gains(predicted, test.captures)[:, None, None].astype(np.float32)
+    interval = fit_interval(held, train.captures, lit)
+    widths = np.stack([interval.half_width(each) for each in predicted])
+    constant = np.full_like(widths, np.quantile(np.abs(held - train.captures)[:, lit], NOMINAL))
+    print(f"{100 * NOMINAL:.0f} % interval: inside per capture, and of dark, middle and bright pixels; mean width")
+    for name, half in (("interval", widths), ("one width", constant)):
+        found = coverage(half, predicted, test.captures, lit)
+        print(f"{name}: {found}", flush=True)
+
+
 def _surrogate(fitted: Fitted, train: DataSet, test: DataSet) -> None:
     surrogate = fit_surrogate(fitted, train.pictures, train.captures)
     found = surrogate.pictures(test.captures)
@@ -111,7 +131,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--size", type=parse_size, metavar="WxH", help="size of the captures (default: half)")
     parser.add_argument("--additive", action="store_true", help="fit what a calibration can hold, without φ")
-    parser.add_argument("--directions", nargs="+", choices=["forward", "surrogate"], default=["forward", "surrogate"])
+    parser.add_argument("--directions", nargs="+", choices=DIRECTIONS, default=DIRECTIONS)
     return parser
 
 

@@ -23,6 +23,7 @@ from counterlight.tools.acquisition.photographer import Photographer
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.registry import prepare
+from counterlight.tools.transport.interval import NOMINAL, read_interval
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
@@ -38,6 +39,7 @@ class Verified:
     codes : the code values shown.
     predicted, captured : (camera height, camera width, 3), screen primaries.
     cameras : the three figures per camera in use, by number from 1, if there are several.
+    inside : share of captured values inside the room's prediction interval; None if the room has none.
     """
 
     round: int
@@ -49,11 +51,14 @@ class Verified:
     predicted: FloatArray
     captured: FloatArray
     cameras: dict[int, Figures]
+    inside: float | None = None
 
     def __str__(self) -> str:
+        nominal = f"inside the {100 * NOMINAL:.0f} % interval of the room"
         lines = [
             f"round {self.round}: {_in_words(self.predicted_psnr, self.measured_psnr, self.model_psnr)}",
             f"  {self.certificate}",
+            *([] if self.inside is None else [f"  {100 * self.inside:.1f} % of the captured values are {nominal}"]),
             *(f"  camera {number}: {_in_words(*figures)}" for number, figures in self.cameras.items()),
         ]
         return "\n".join(lines)
@@ -103,6 +108,8 @@ class Wanted:
         self.T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(stored.calibration, transport, colour if maps is None else maps.mixing.tier)
         self.objective = objective_of(self.tier.transport, stored.calibration, aims, self.tier.mixing)
+        # an interval is for the camera's channels, which differ from screen primaries where channels are mixed
+        self.interval = read_interval(stored) if self.tier.mixing.neutral is None else None
 
 
 class Verification:
@@ -124,7 +131,7 @@ class Verification:
         self._photographer, self._room, self._drift = photographer, replace(stored.calibration, ambient=ambient), drift
         self._cameras = {number: self._room.pixels_of(number - 1) for number, ask in enumerate(asked, 1) if ask}
         self._seen: BoolArray = np.any(list(self._cameras.values()), axis=0)
-        self._T_pinv = wanted.T_pinv
+        self._T_pinv, self._interval = wanted.T_pinv, wanted.interval
         self.tier = replace(wanted.tier, calibration=self._room)
         mixing = self.tier.mixing if drift.share is None else self.tier.mixing.shared(drift.share)
         self._now = replace(self.tier, mixing=mixing)
@@ -154,8 +161,14 @@ class Verification:
             figures = self._figures(predicted, captured, self._seen)
             several = self._cameras if len(self._room.cameras) > 1 else {}
             cameras = {number: self._figures(predicted, captured, pixels) for number, pixels in several.items()}
-            yield Verified(index, *figures, certificate, codes, predicted, captured, cameras)
+            inside = self._inside(predicted, captured)
+            yield Verified(index, *figures, certificate, codes, predicted, captured, cameras, inside)
             target = self.desired - np.where(self._seen[..., None], captured - predicted, 0)
+
+    def _inside(self, predicted: FloatArray, captured: FloatArray) -> float | None:
+        if self._interval is None:
+            return None
+        return float(self._interval.inside(predicted, captured)[self._seen & self._room.mask].mean())
 
     def _figures(self, predicted: FloatArray, captured: FloatArray, pixels: BoolArray) -> Figures:
         """Returns the figures of some pixels inside the mask."""

@@ -24,6 +24,7 @@ FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
 DARK = 1e-6  # sum of squared radiance that tells nothing about a gain
 LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # of the camera's range; camera pixels that determine a gain
+FOLDS = 4  # parts of the pairs that are predicted by a fit of the other parts
 MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
 
 
@@ -144,6 +145,20 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
     model = fit(shown, captures, gains=gains, linear=additive)
     border = Border.fit(model.predict(shown), captures, gains, lit)
     return Fitted(places, processing, model, factor, gains, unsteady, lit, border)
+
+
+def held_back(fitted: Fitted, pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool) -> Pictures:
+    """Predict the captures of each part of the pairs, at gain 1, by a model that is fitted to the other parts.
+
+    Places, response and gains of captures stay: they are few numbers, which all captures determine.
+    """
+    shown, everything = fitted.shown(pictures), np.arange(len(pictures))
+    predicted = np.empty_like(captures, dtype=np.float32)
+    for part in np.array_split(everything, FOLDS):
+        others = np.setdiff1d(everything, part)
+        model = fit(shown[others], captures[others], gains=fitted.gains[others], linear=additive)
+        predicted[part] = model.predict(shown[part])
+    return predicted
 
 
 def inside(places: Places, shape: tuple[int, int]) -> BoolArray:

@@ -15,7 +15,7 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.picture_files import write_png
 from counterlight.response import Response
-from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, longest_run
+from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, held_back, longest_run
 from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import BLOCK, HALO, REACH, SPREAD, WIDE_HALO, WINDOW, block_blur, prior
@@ -35,6 +35,7 @@ from counterlight.tools.pairs.photographs import (
     read_pictures,
     set_up_folders,
 )
+from counterlight.tools.transport.interval import Interval, fit_interval, write_interval
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transport, stacked
 from counterlight.writing.outputs import check_apart, check_file
@@ -46,6 +47,28 @@ HELD = 8  # one of so many pairs is predicted by a fit of the others
 FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are dropped
 CODES = 256
 UNSTEADY = 0.05  # deviation of gains that is reported
+WHITE = 99  # percentile of lit light
+WORDS = (40.0, "hardly visible errors"), (34.0, "small errors"), (28.0, "visible errors")  # at least so many dB
+WORST = "clear errors"
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The quality on the wall, from captures that were held back.
+
+    decibels : PSNR of captures against T p + e, relative to white.
+    within : median half width of the prediction interval, as a share of white.
+    """
+
+    decibels: float
+    within: float
+
+    def __str__(self) -> str:
+        words = next((words for least, words in WORDS if self.decibels >= least), WORST)
+        return (
+            f"expected on the wall: {words}. A picture arrives to about {self.decibels:.1f} dB, and 9 of 10 camera "
+            f"pixels are typically within {100 * self.within:.1f} % of white"
+        )
 
 
 @dataclass(frozen=True)
@@ -77,6 +100,7 @@ class PairsSummary:
     left_out: tuple[str, ...]
     gains: float
     unsteady: tuple[str, ...]
+    expected: Expected
 
     def __str__(self) -> str:
         lines = [
@@ -89,6 +113,7 @@ class PairsSummary:
             f"{each}: gain beyond {100 * (MOST_GAIN - 1):.0f} %; lock the camera's exposure" for each in self.unsteady
         ]
         lines += [f"left out: {each}" for each in self.left_out]
+        lines.append(str(self.expected))
         return "\n".join(lines)
 
 
@@ -140,14 +165,18 @@ def import_pairs_room(
         first = pairs[0].photograph
         curve = options.camera_response or default_response(first, read_photograph(first))
         room, transport = _room(fitted, codes.shape[1:3], name or folder.name, f"{len(kept)} pairs", curve, ambient)
+        predicted_by_room = _held_back_by_room(fitted, room, transport, codes, captures)
+        interval = fit_interval(predicted_by_room, captures, fitted.lit)
         write_transport(transport, stage)
+        write_interval(interval, stage)
         calibration.write(room, stage)
         if options.quality:
             with replacing_file(options.quality) as temporary:
                 write_png(temporary, quality_picture(predicted[-1], captures[-1]))
     unsteady = tuple(pairs[n].photograph.name for n in kept[fitted.unsteady])
     spread = float(np.std(fitted.gains, axis=0).max())
-    return PairsSummary(len(kept), held, quality, by, tuple(left_out), spread, unsteady)
+    expected = expected_quality(interval, predicted_by_room, captures, fitted.lit)
+    return PairsSummary(len(kept), held, quality, by, tuple(left_out), spread, unsteady, expected)
 
 
 def find_pairs(pictures: Path, photographs: Path, options: PairsOptions) -> tuple[list[Pair], str, list[str]]:
@@ -218,6 +247,25 @@ def decibels(predicted: Pictures, captures: Pictures, lit: BoolArray) -> float:
     """Return the PSNR in linear light, relative to the camera's range, of lit pixels."""
     error = float(np.mean((np.clip(predicted, 0, 1) - captures)[:, lit] ** 2))
     return float(-10 * np.log10(max(error, 1e-12)))
+
+
+def _held_back_by_room(
+    fitted: Fitted, room: Calibration, transport: Transport, codes: NDArray[np.uint8], captures: Pictures
+) -> Pictures:
+    """Predict captures by models of other captures, with what T p + e differs from the model of all captures."""
+    predicted = held_back(fitted, codes, captures, additive=True)
+    for number, (picture, model) in enumerate(zip(codes, fitted.predict(codes), strict=True)):
+        light = transport @ room.response.to_linear(picture).reshape(-1, 3)
+        predicted[number] += light.reshape(model.shape) + room.ambient - model
+    return predicted
+
+
+def expected_quality(interval: Interval, predicted: Pictures, captures: Pictures, lit: BoolArray) -> Expected:
+    """Return the expected quality of pictures like the held-back captures."""
+    white = max(float(np.percentile(captures[:, lit], WHITE)), 1e-6)
+    widths = [np.median(interval.half_width(each)[lit]) for each in predicted]
+    relative = decibels(predicted, captures, lit) + 20 * np.log10(white)
+    return Expected(float(relative), float(np.median(widths)) / white)
 
 
 def quality_picture(predicted: NDArray[np.floating], capture: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -3,6 +3,6 @@
 transport.py is the mathematics (apply, transpose, floodlight, mask), and mask.py finds the camera pixels that count.
 storage.py reads and writes the files: sparse_files.py knows scipy's layouts, arrays.py the archives. objective.py
 states what a drive shall minimise: trust.py weighs camera pixels, overlap.py finds ties between
-neighbours, and gloss.py finds highlights. mixing.py mixes channels. May import scipy and player. Read next:
-transport.py.
+neighbours, and gloss.py finds highlights. mixing.py mixes channels. interval.py says how far captures may be from
+their predictions. May import scipy, cv2 and player. Read next: transport.py.
 """

@@ -1,0 +1,110 @@
+"""Prediction intervals: on noise of known size, and stored with a room."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterlight import calibration
+from counterlight.calibration import INTERVAL
+from counterlight.errors import InputError
+from counterlight.tools.transport.interval import Interval, fit_interval, read_interval, write_interval
+from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
+from tests.real.measures import coverage
+from tests.rooms import write_one_to_one_room
+
+SHAPE = (51, 67)  # no multiple of a cell
+COUNTED = np.zeros(SHAPE, bool)
+COUNTED[3:45, 5:60] = True
+
+
+def noise(light: np.ndarray) -> np.ndarray:
+    """Return the deviation of known noise: it grows with the light, and is three times as large on the right."""
+    rough = np.where(np.arange(SHAPE[1]) < 32, 1.0, 3.0)[:, None]
+    return np.asarray(np.sqrt(1e-5 + 4e-4 * light) * rough)
+
+
+def captures(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return predictions and captures with noise of Laplace's distribution, whose tails a normal interval misses."""
+    light = rng.uniform(0, 1, (count, *SHAPE, 3)) ** 2 * rng.uniform(0.3, 1, (count, 1, 1, 3))
+    return light, light + rng.laplace(0, noise(light) / np.sqrt(2))
+
+
+def test_nine_of_ten_values_of_new_captures_are_inside_in_every_part(rng: np.random.Generator) -> None:
+    interval = fit_interval(*captures(rng, 24), COUNTED)
+    predicted, captured = captures(rng, 24)
+    widths = np.stack([interval.half_width(each) for each in predicted])
+    found = coverage(widths, predicted, captured, COUNTED)
+    assert found.captures.mean() == pytest.approx(0.9, abs=0.006)  # 166 000 values; quantile and m of 24 captures
+    np.testing.assert_allclose(found.thirds, 0.9, atol=0.015)
+    inside = np.abs(captured - predicted) <= widths
+    sides = [inside[:, 3:45, columns].mean() for columns in (slice(5, 24), slice(40, 60))]
+    np.testing.assert_allclose(sides, 0.9, atol=0.05)  # m is averaged with 4 usual captures; 0.98 and 0.8 without m
+
+
+def test_the_width_is_the_quantile_of_the_noise(rng: np.random.Generator) -> None:
+    """Of Laplace's distribution, nine of ten values are within ln 10 / √2 deviations."""
+    interval = fit_interval(*captures(rng, 64), COUNTED)  # m is averaged with 4 captures of 5 times the least m
+    light = rng.uniform(0, 1, (*SHAPE, 3)) ** 2
+    ratio = interval.half_width(light) / (noise(light) * np.log(10) / np.sqrt(2))
+    away = COUNTED & (np.abs(np.arange(SHAPE[1]) - 32) > 8)  # m is interpolated between cells
+    assert np.median(ratio[away]) == pytest.approx(1, abs=0.06)
+    np.testing.assert_allclose(np.percentile(ratio[away], [5, 95]), 1, atol=0.2)  # 0.55 to 1.7 without m
+
+
+def test_an_interval_is_narrower_than_one_width(rng: np.random.Generator) -> None:
+    predicted, captured = captures(rng, 16)
+    interval = fit_interval(predicted, captured, COUNTED)
+    widths = np.stack([interval.half_width(each) for each in predicted])
+    one = np.quantile(np.abs(captured - predicted)[:, COUNTED], 0.9)
+    assert widths[:, COUNTED].mean() < 0.95 * one
+
+
+def test_errors_of_whole_captures_count_as_captures(rng: np.random.Generator) -> None:
+    """A gain per capture is alike in all its pixels; new captures are covered on average nevertheless."""
+
+    def unsteady(count: int) -> tuple[np.ndarray, np.ndarray]:
+        predicted, captured = captures(rng, count)
+        return predicted, captured * np.exp(rng.normal(0, 0.05, (count, 1, 1, 3)))
+
+    interval = fit_interval(*unsteady(60), COUNTED)
+    inside = [interval.inside(p, c)[COUNTED].mean() for p, c in zip(*unsteady(60), strict=True)]
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)  # deviation of 0.1 per capture
+    assert np.min(inside) < 0.85
+
+
+@pytest.mark.filterwarnings("error")
+def test_captures_without_error_have_an_interval_of_almost_no_width(rng: np.random.Generator) -> None:
+    light = captures(rng, 8)[0]
+    interval = fit_interval(light, light, COUNTED)
+    assert interval.inside(light[0], light[0]).all()
+    assert interval.half_width(light[0]).max() < 1e-3
+
+
+def test_an_interval_is_stored_with_a_room_and_damage_is_refused(rng: np.random.Generator, tmp_path: Path) -> None:
+    plain, folder = tmp_path / "plain", tmp_path / "room"
+    write_one_to_one_room(plain, SHAPE)
+    assert read_interval(calibration.read(plain)) is None
+    interval = fit_interval(*captures(rng, 8), COUNTED)
+    with calibration.writing(folder, calibration.read(plain).calibration) as stage:
+        write_interval(interval, stage)
+    found = read_interval(calibration.read(folder))
+    assert found is not None
+    np.testing.assert_array_equal(found.growth, interval.growth)
+    np.testing.assert_array_equal(found.local, interval.local)
+    damaged = DamagedRoom.of(folder)
+    outcomes = set()
+    for i in range(40):
+        damaged.put(INTERVAL, mutant(damaged.files[INTERVAL], INTERVAL, np.random.default_rng([37, i])))
+        outcomes.add(outcome(lambda: read_interval(calibration.read(folder))))
+    assert outcomes <= {READ, REFUSED}
+    wrong = {
+        "expected 0 to": Interval(-interval.growth, interval.local),
+        "nan to nan": Interval(interval.growth * np.nan, interval.local),
+        "expected real numbers, 7x9x3": Interval(interval.growth, interval.local[:5]),
+    }
+    for complaint, other in wrong.items():
+        write_interval(other, tmp_path)
+        damaged.put(INTERVAL, (tmp_path / INTERVAL).read_bytes())
+        with pytest.raises(InputError, match=rf"interval\.npz: not the prediction interval .*{complaint}"):
+            read_interval(calibration.read(folder))

@@ -1,0 +1,133 @@
+"""Prediction intervals: how far a captured pixel may be from its prediction, by split conformal prediction.
+
+|c − ĉ| ≤ w(x, ĉ) holds for nine of ten pixels of an average capture, with ĉ = T p + e and, per channel,
+w² = q² m(x) (a₀ + a₁ ĉ).
+
+a is noise in the dark, and errors that grow with the light; least squares fit it to captures that were held back. m is
+how much larger the squared error is in a cell of the camera picture. q is the quantile of |c − ĉ| / s, with w = q s,
+that the held-back captures require (Lei et al. 2018). For q, the m of a capture leaves this capture out.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import INTERVAL, RADIANCE, REBUILD, StoredCalibration
+from counterlight.tools.transport.arrays import ArrayError, StoredArray, opened_archive
+
+Pictures = NDArray[np.floating]
+NOMINAL = 0.9  # share of pixels inside
+CELL = 8  # camera pixels per side of a cell of m
+USUAL = 4.0  # captures of the usual error that a cell's errors are averaged with
+ROUNDS = 4  # of weights of the fit of a
+MOST_SAMPLES = 200_000  # pixels for the fit of a
+LEAST = 1e-4  # least m, and share of the brightest prediction that s is at least in the dark
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The half width w of a prediction interval.
+
+    growth : (3, 2), ≥ 0. q² a of each channel.
+    local : (cells down, cells across, 3), ≥ 0. m.
+    """
+
+    growth: NDArray[np.floating]
+    local: NDArray[np.floating]
+
+    def half_width(self, predicted: Pictures) -> Pictures:
+        """Return w of a predicted camera picture, (height, width, 3), in its unit."""
+        return np.asarray(np.sqrt(_at_pixels(self.local, predicted.shape[:2]) * _variance(predicted, self.growth)))
+
+    def inside(self, predicted: Pictures, captured: Pictures) -> BoolArray:
+        """Return which values of a captured picture are in the interval, (height, width, 3)."""
+        return np.asarray(np.abs(captured - predicted) <= self.half_width(predicted))
+
+
+def fit_interval(predicted: Pictures, captured: Pictures, counted: BoolArray) -> Interval:
+    """Fit an interval to captures that were held back, at least two.
+
+    predicted, captured : linear light, (captures, height, width, 3). Each prediction was made without its capture.
+    counted : (height, width) bool. Camera pixels that the interval is for.
+    """
+    growth = _fitted_growth(predicted, captured, counted)
+    pairs = list(zip(predicted, captured, strict=True))
+    ratios = np.stack([((c - p) ** 2 / _variance(p, growth)).astype(np.float32) for p, c in pairs])
+    weight = _cell_means(np.repeat(counted[..., None], 3, axis=2).astype(np.float32))
+    errors = np.stack([_cell_means(each * counted[..., None]) for each in ratios])
+    usual = errors.sum(axis=(0, 1, 2)) / (len(errors) * weight.sum(axis=(0, 1)))
+
+    def local(used: BoolArray) -> NDArray[np.floating]:
+        mean = (errors[used].sum(axis=0) + USUAL * usual) / (used.sum() * weight + USUAL)
+        return np.asarray(np.maximum(mean, LEAST))
+
+    numbers = np.arange(len(errors))
+    relative = [
+        (each / _at_pixels(local(numbers != number), counted.shape))[counted] for number, each in enumerate(ratios)
+    ]
+    return Interval(growth * np.quantile(relative, NOMINAL), local(numbers >= 0).astype(np.float32))
+
+
+def write_interval(interval: Interval, stage: Path) -> None:
+    np.savez_compressed(stage / INTERVAL, growth=interval.growth, local=interval.local)
+
+
+def read_interval(stored: StoredCalibration) -> Interval | None:
+    """Read a calibration's interval; None if it has none. Raises InputError for a damaged file."""
+    if INTERVAL not in stored.files:
+        return None
+    down, across = (-(-side // CELL) for side in stored.calibration.camera.shape)
+    with (
+        stored.opened(INTERVAL) as file,
+        opened_archive(file, "not the prediction interval of this calibration", REBUILD) as arrays,
+    ):
+        growth, local = arrays["growth"].expect("fiu", 3, 2), arrays["local"].expect("fiu", down, across, 3)
+        return Interval(_read(growth), _read(local))
+
+
+def _read(array: StoredArray) -> NDArray[np.floating]:
+    values = array.read()
+    if not (values.min() >= 0 and values.max() <= RADIANCE[1] ** 2):  # a comparison with NaN is false
+        raise ArrayError(f"numbers from {values.min():g} to {values.max():g}, expected 0 to {RADIANCE[1] ** 2:g}")
+    return values
+
+
+def _variance(predicted: Pictures, growth: NDArray[np.floating]) -> Pictures:
+    return np.asarray(growth[:, 0] + growth[:, 1] * np.maximum(predicted, 0))
+
+
+def _fitted_growth(predicted: Pictures, captured: Pictures, counted: BoolArray) -> FloatArray:
+    """Fit a₀ + a₁ ĉ ≥ 0 to squared errors, weighted by the inverse of what is fitted: (3, 2)."""
+    every = max(1, len(predicted) * np.count_nonzero(counted) // MOST_SAMPLES)
+    light, seen = (each[:, counted].reshape(-1, 3)[::every].astype(np.float64) for each in (predicted, captured))
+    least = (LEAST * max(float(light.max()), float(np.finfo(np.float32).tiny))) ** 2
+    growth = np.empty((3, 2))
+    for k in range(3):
+        square = (seen[:, k] - light[:, k]) ** 2 + least
+        A = np.stack([np.ones_like(square), np.maximum(light[:, k], 0)], axis=1)
+        expected = np.full_like(square, square.mean())
+        for _ in range(ROUNDS):
+            growth[k] = nnls(A / expected[:, None], square / expected)[0]
+            expected = np.maximum(A @ growth[k], least)
+    growth[:, 0] = np.maximum(growth[:, 0], least)
+    return growth
+
+
+def _cell_means(picture: Pictures) -> Pictures:
+    """Return the means of CELL × CELL camera pixels, (cells down, cells across, 3); zeros lie outside the picture."""
+    height, width = picture.shape[:2]
+    padded = np.pad(picture, ((0, -height % CELL), (0, -width % CELL), (0, 0)))
+    return np.asarray(padded.reshape(-(-height // CELL), CELL, -1, CELL, 3).mean(axis=(1, 3)))
+
+
+def _at_pixels(cells: Pictures, shape: tuple[int, ...]) -> Pictures:
+    """Interpolate values of cells at the camera pixels of a (height, width) picture."""
+    y, x = (((np.arange(side) + 0.5) / CELL - 0.5).astype(np.float32) for side in shape)
+    at = np.meshgrid(x, y)
+    grid = cells.astype(np.float32)
+    return np.asarray(cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
