@@ -36,7 +36,7 @@ def test_who_has_a_matrix_gets_pictures(tmp_path: Path, monkeypatch: pytest.Monk
         assert program == "counterlight"
         done = command(verb, *arguments)
         assert done.returncode == 0, done.stderr
-        assert verb != "import-transport" or done.stdout.endswith("\nnext: counterlight build room\n")
+        assert verb != "import-transport" or done.stdout.endswith("; next: counterlight build room\n")
         quality = re.search(r"camera PSNR ([\d.]+) dB", done.stdout)
         # the wallpaper is invisible
         assert "--view" not in arguments or (quality and float(quality[1]) > 35), done.stdout

@@ -209,11 +209,14 @@ class CompensationTask:
         return Compensated(name, drive.reshape(shape), quality, clipped, seconds, best - quality.psnr, notes)
 
 
-def compensate(folder: Path, picture: Path, output: Path | None, options: CompensateOptions) -> Iterator[str]:
+def compensate(
+    folder: Path, picture: Path, output: Path | None, options: CompensateOptions, *, verbose: bool = False
+) -> Iterator[str]:
     """Solve, write the output, and yield lines to print.
 
     output : .png holds the projector's code values, .exr the linear drive. With several solvers, each name is added
         before the suffix. None writes nothing.
+    verbose : also yield the notes of each solver.
     """
     outputs = {} if output is None else _outputs(output, options.solvers)
     for path in outputs.values():
@@ -233,7 +236,8 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
         if found.solver in outputs:
             _write(outputs[found.solver], found.drive, calibration.response)
         yield str(found)
-        yield from (f"    {note}" for note in found.notes)
+        if verbose:
+            yield from (f"    {note}" for note in found.notes)
     yield from (f"{path}: written" for path in outputs.values())
 
 

@@ -59,7 +59,7 @@ def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
     if unknown:
         raise InputError(f"--scenes {unknown[0]}: no such scene is shipped; there are {', '.join(shipped)}")
     for path in given:
-        if path.is_dir():
+        if path.is_dir() or not (path.exists() or path.suffix):
             calibrations.read(path)
         else:
             load_scene(path)

@@ -158,7 +158,7 @@ PROSE = (
         2,
         (
             "(it would take 3 min), {} MiB of maps; in simulation {} dB below the optimum without a step, {} after "
-            "the {} that play makes from direct mapping; next: counterlight play wall",
+            "the {} that play makes from direct mapping wall: ready",
             "T⁺ cut into clusters ...{} MiB of maps; in simulation {} dB below the optimum without a step, {} after "
             "the {} that play makes from direct mapping",
         ),
