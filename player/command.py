@@ -1,4 +1,4 @@
-"""What all commands share: one-line errors, exit codes, progress."""
+"""Parts that all commands share: one-line errors, exit codes, progress."""
 
 import argparse
 import errno

@@ -250,7 +250,7 @@ def own_room() -> Figures:
 def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
     """Returns rows of docs/tables/schemes.md.
 
-    sizes : of camera and projector, as in the table.
+    sizes : sizes of camera and projector, as in the table.
     """
     camera, projector = sizes.split(", ")
     chosen = " ".join(f"--room {room}" for room in rooms)

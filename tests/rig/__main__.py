@@ -93,10 +93,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
     parser.add_argument("--fault", nargs="+", choices=FAULTS, metavar="NAME", help=f"default {' '.join(DEFAULT)}")
     parser.add_argument("--quick", action="store_true", help=f"{' '.join(QUICK)}, at scale {QUICK_SCALE:g}")
-    parser.add_argument("--scale", type=float, help="of camera and projector, 160x120 and 96x72 at 1")
+    parser.add_argument("--scale", type=float, help="scale: 1 has a camera of 160x120, a projector of 96x72")
     parser.add_argument(
         "--steps", type=lambda text: [int(word) for word in text.split(",")], default=[0, 4, 16, 64], metavar="N,N…",
-        help="of refinement to try besides the default (0,4,16,64)",
+        help="try these steps of refinement besides the default (0,4,16,64)",
     )  # fmt: skip
     parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="for build (default: none)")
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="every picture's figures")

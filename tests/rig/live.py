@@ -35,9 +35,9 @@ from tests.rig.watching import Codes, Frame, WatchCamera, WatchedRoom, crossing,
 from tests.screens import one_screen
 
 LOOK_S = 0.008  # between two looks at the screen
-KEPT_S = 2.0  # of displayed frames
+KEPT_S = 2.0  # how long displayed frames are kept
 CAPTURES = 4  # files that stay in the folder
-STEPS = 2  # of refinement, in the show and in what it is compared with
+STEPS = 2  # steps of refinement, in the show and in its reference
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
 NEARBY = 4  # frames around the stated position that a displayed picture may show
 
@@ -145,7 +145,7 @@ class LiveCamera:
         self.room, self._camera, self._event, self._screen, self._folder = room, camera, event, screen, folder
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
-        self.began_s = float("inf")  # of the event, time.monotonic
+        self.began_s = float("inf")  # start of the event, time.monotonic
         self._thread.start()
 
     def close(self) -> None:
@@ -219,7 +219,7 @@ def live(
         watched.rig_at(origin + later_s).seen(np.zeros((*rig.raster, 3), np.uint8))
     captures = place / "captures"
     captures.mkdir(exist_ok=True)
-    (place / "show.socket").unlink(missing_ok=True)  # of a player that was killed
+    (place / "show.socket").unlink(missing_ok=True)  # left by a player that was killed
     seen = list(_played(place, path, rig, watched, event, camera, began, white, warm_s, after_s))
     yield from _judged(place, rig, watched, film, white, began[0], seen)
 

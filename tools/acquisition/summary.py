@@ -87,7 +87,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class ProjectorReport:
-    """What was acquired of one projector.
+    """The measurements of one projector.
 
     given : response that replaces the measured one, if any.
     factoring : the factors that replace a dense T.

@@ -41,10 +41,10 @@ HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  
 class CompensateOptions:
     """Options of a compensation.
 
-    solvers : of COMPENSATIONS.
+    solvers : one of COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most this many projector pixels (thesis 4.2.2).
     white : radiance of a white picture; None for what most of the room can reach.
-    colour : of COLOURS.
+    colour : one of COLOURS.
     aims : weights and priors of the objective.
     priors : whether the box uses play's objective, with weights and priors; otherwise plain least squares.
     """
