@@ -195,7 +195,7 @@ def test_nothing_is_corrected_unasked_and_what_came_back_is_forgotten(
 def test_a_corrected_picture_arrives_as_it_would_have(wall: Path, tmp_path: Path) -> None:
     """A pixel of drift costs 7 dB here, and its correction returns 5 dB.
 
-    Each camera pixel has its own paint, so drives are as fine as pixels, and interpolation cannot carry them. The
+    Each camera pixel has its own paint, so neighbouring drives differ, and interpolation blurs them. The
     target is black where no light arrives after the move.
     """
     picture = np.zeros((54, 75), np.float32)

@@ -217,7 +217,7 @@ def probe(what: str) -> dict[str, Any]:
     except ValueError:
         return {"error": (child.stderr.strip().splitlines() or ["no answer"])[-1]}
     if "error" in answer:
-        return {"error": answer["error"].partition(";")[0]}  # without the fix, which the report adds itself
+        return {"error": answer["error"].partition(";")[0]}  # the report adds its own fix
     return answer
 
 

@@ -429,7 +429,7 @@ def with_options(arguments: Sequence[str], *options: str) -> list[str]:
 
 
 def _end_with_parent(parent: int) -> Callable[[], None]:
-    """Return what a child does between fork and exec, so that it does not outlive a killed supervisor."""
+    """Return a function for a child to run between fork and exec: the child then ends with a killed supervisor."""
 
     def ask() -> None:
         _prctl(_SET_PDEATHSIG, signal.SIGKILL)

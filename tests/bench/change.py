@@ -25,7 +25,7 @@ REFRESH_MS = 1000 / 60
 
 
 def change() -> Iterator[str]:
-    """Frames late at a change of media, 256x192 at 25 and 96x72 at 50 and 60 fps, bad media between, idle and busy."""
+    """Late frames at changes of media: 256x192 at 25 fps, 96x72 at 50 and 60 fps, with bad media, idle and busy."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         for size in dict.fromkeys(RATES.values()):

@@ -191,7 +191,7 @@ PROSE = (
             lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
         ),
         (
-            "instead of pixels, gain {} dB on triangulated",
+            "instead of pixels) gain {} dB on triangulated",
             lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
         ),
         (
