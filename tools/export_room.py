@@ -31,7 +31,8 @@ def _main(argv: Sequence[str] | None) -> None:
         raise InputError(f"counterlight export: nothing to write; name a file with {', '.join(outputs)}")
     print(export(options.calibration, options.mpcdi, options.warp, options.cube))
     written = " and ".join(str(path) for path in outputs.values() if path is not None)
-    print(conclusion(f"{written}: written for other programs", "load it, by your program's recipe in docs/exports.md"))
+    action = "load the result by your program's recipe in docs/exports.md"
+    print(conclusion(f"{written}: written for other programs", action))
 
 
 def _parser() -> argparse.ArgumentParser:
