@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from counterlight.calibration import check_order, read_projectors
-from counterlight.command import run, tell
+from counterlight.command import command_line, conclusion, run, tell
 from counterlight.errors import InputError
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.room import Room
@@ -75,6 +75,8 @@ def _show(options: argparse.Namespace) -> None:
             stats = play_in_window(
                 options, _reported_room(options), adjustments, remotes=remotes, heartbeat=heartbeat, farewell=farewell
             )
+        action = command_line("verify", options.calibration, "--camera", "CAMERA")
+        tell(conclusion(f"{options.calibration}: played {stats.frames} frames", action), sys.stdout)
     if options.stats is not None:
         stats.write(options.stats)
 

@@ -46,8 +46,9 @@ GREY, LEAST_COLOUR = 1e-3, 1e-3
 RADIANCE = (1e-12, 1e12)
 GAIN = (1e-6, 1e6)  # limits of one camera's light relative to another camera's
 REBUILD = (
-    "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
+    "make the calibration again (counterlight acquire, simulate, import-transport, import-graycode or import-pairs)"
 )
+MAKE = "measure a room with: counterlight acquire, or compute one with: counterlight simulate"
 
 
 @dataclass(frozen=True)
@@ -257,7 +258,7 @@ def _read(folder: Path) -> StoredCalibration:
     with suppress(OSError):  # an inaccessible folder is reported with its file
         if not folder.is_dir():
             found = "a file, expected a calibration folder" if folder.exists() else "no such folder"
-            raise InputError(f"{folder}: {found}; {REBUILD}")
+            raise InputError(f"{folder}: {found}; {MAKE}")
     if viewpoints.is_set(folder):
         one = folder / viewpoints.FOLDER / "1"
         raise InputError(f"{folder}: a set of views, expected one calibration; name a view, as {one}")

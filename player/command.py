@@ -1,4 +1,4 @@
-"""What all commands share: one-line errors, exit codes, progress."""
+"""Parts that all commands share: one-line errors, exit codes, progress."""
 
 import argparse
 import errno
@@ -27,6 +27,7 @@ ROOM_BESIDE_LABEL = 82  # columns
 CLEARED = b"\r\x1b[K"  # returns to the beginning of the line and clears it
 LAST_WORDS_S = 1.0  # longest wait for the reader of a command's last line
 JOINED = "\xa0"  # a space at which no line breaks
+NEXT = "; next: "
 WIDEST = 100  # columns of a help text; longer lines are hard to read
 
 TYPING_ERROR = 0.8  # one wrong letter in the shortest options; --report and --remote have 0.75
@@ -71,9 +72,19 @@ class _Formatter(argparse.HelpFormatter):
         return lambda size: shown if isinstance(shown, tuple) else (shown,) * size
 
 
-def next_command(*words: object) -> str:
-    """Returns the line that names the command after this one."""
-    return f"next: counterlight {shlex.join(map(str, words))}"
+def conclusion(result: str, action: str) -> str:
+    """Returns the last line of a command: the result in plain words, and what to do next."""
+    return f"{result}{NEXT}{action}"
+
+
+def command_line(*words: object) -> str:
+    """Returns a command as a shell accepts it, such as `counterlight build 'my room'`."""
+    return f"counterlight {shlex.join(map(str, words))}"
+
+
+def add_verbose(arguments: Arguments, figures: str) -> None:
+    """Add the option --verbose, which prints figures that are otherwise only in the report and in files."""
+    arguments.add_argument("--verbose", action="store_true", help=f"also print {figures}")
 
 
 class _HelpAll(argparse.Action):
@@ -143,7 +154,7 @@ class Parser(argparse.ArgumentParser):
         return not self.common or any(name in self.common for name in action.option_strings)
 
     def error(self, message: str) -> NoReturn:
-        unknown = message.removeprefix("unrecognized arguments: ").split()[0]
+        unknown = next(iter(message.removeprefix("unrecognized arguments: ").split()), "")  # an argument may be blank
         name = unknown.partition("=")[0]
         hint = nearest(name, self._option_string_actions, TYPING_ERROR) if unknown.startswith("--") else ""
         raise InputError(f"{self.prog}: {message}{hint}; see {self.prog} --help")

@@ -21,7 +21,7 @@ from counterlight.raster import Region, Shape, side_by_side
 
 TABLE_SIZE = 1024
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
-MOST_SAMPLES = 1 << 12  # of a white segment
+MOST_SAMPLES = 1 << 12  # largest table of a white segment
 BRIGHTEST = 20.0  # largest light of a white segment, relative to the white of the primaries
 MOST_ROWS = 1 << 16  # rows of a measured table, one per code of a 16-bit camera
 _SRGB_KNEE = 0.04045

@@ -29,7 +29,7 @@ LIFT = 1e-7  # relative to the squared extent: decides between equally good tria
 
 FloatArray = NDArray[np.float64]
 Points: TypeAlias = tuple[tuple[float, float], ...]
-Viewpoint: TypeAlias = Points | Literal["all"]  # of one or several viewers; "all" means one viewer at every view
+Viewpoint: TypeAlias = Points | Literal["all"]  # one or several viewers; "all" means one viewer at every view
 
 
 @dataclass(frozen=True)

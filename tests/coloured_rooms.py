@@ -51,7 +51,7 @@ def coloured_room(
     """Blurred surface, a third of it white: F_kl = M_kl ρ_l (1 ± paint), with a random colour per field of 5x4 pixels.
 
     paint : relative difference of the reflectance between a channel and the primary's peak.
-    shift : of the projector picture, in projector pixels right and down.
+    shift : shift of the projector picture, in projector pixels right and down.
     """
     G = blurred_transport(rng, camera, projector, 0.6, shift).toarray().astype(np.float64)
     G /= G.sum(axis=1, keepdims=True)

@@ -56,8 +56,8 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup ignores SIGHUP; t
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
-# Files that take a worker long, longest first, so that no worker runs alone at the end. The third compiles nothing,
-# because its worker would wait while the second compiles what both need.
+# Files that take a worker long, longest first, so that no worker runs alone at the end. The third worker compiles
+# nothing, because it would wait while the second compiles the same functions.
 LONGEST_FIRST = (
     "test_lint.py", "gl/test_audience.py", "test_acquisition.py", "test_supervisor.py", "test_segments.py",
     "test_cluster.py", "test_full_disk.py", "test_unweighted_optimum.py", "gl/test_window.py", "test_study.py",
@@ -117,7 +117,7 @@ def gl_context() -> Iterator[moderngl.Context]:
         assert error == "GL_NO_ERROR"
         assert after == before, "OpenGL objects were not released"
         gc.collect()  # moderngl needs the context to drop its objects
-    gc.freeze()  # what is left stays; the next collection need not visit it
+    gc.freeze()  # the next collection need not visit the objects that are left
 
 
 @pytest.fixture(scope="module")

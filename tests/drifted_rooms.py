@@ -29,7 +29,7 @@ def write_changed(
 ) -> None:
     """Write a changed room that a simulated camera can capture.
 
-    shift : of the projector picture in projector pixels, right and down; pixels are boxes of light.
+    shift : shift of the projector picture in projector pixels, right and down; pixels are boxes of light.
     shifts : one shift per projector.
     lamps : remaining share of each projector's light.
     camera : shift of the camera in whole pixels.

@@ -30,7 +30,7 @@ def natural_pictures(rng: np.random.Generator, count: int) -> NDArray[np.uint8]:
 class Wall:
     """A wall.
 
-    seed : of its texture.
+    seed : seed of its texture.
     shift : (x, y) in camera pixels that everything is shifted by.
     halo : share of a wide blur.
     """

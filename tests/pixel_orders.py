@@ -21,7 +21,7 @@ def smooth(
 ) -> Csr:
     """Painted plane between a random camera and a random projector, (camera pixels, projector pixels).
 
-    tilt : of the homography between their pictures.
+    tilt : tilt of the homography between their pictures.
     cover : projector pictures across the camera picture.
     blur : standard deviation of a footprint in projector pixels.
     """

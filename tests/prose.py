@@ -74,7 +74,7 @@ def sample(seed: int, count: int, folders: tuple[str, ...] = FOLDERS) -> list[Te
 
 def main() -> None:
     parser = argparse.ArgumentParser("python -m tests.prose", description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, required=True, help="of the random numbers")
+    parser.add_argument("--seed", type=int, required=True, help="seed of the random numbers")
     parser.add_argument("--count", type=int, default=100, help="number of texts (default 100)")
     parser.add_argument("folders", nargs="*", default=FOLDERS, help="folders to draw from (default player tools tests)")
     options = parser.parse_args()

@@ -133,7 +133,7 @@ def blurred_transport(
 ) -> sparse.csr_array:
     """T of a textured surface with Gaussian blur: camera pixels overlap their neighbours' projector pixels.
 
-    shift : of the projector picture on the surface, in projector pixels right and down.
+    shift : shift of the projector picture on the surface, in projector pixels right and down.
     """
     y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
     centre_y = (y + 0.5) * projector[0] / camera[0] - shift[1]

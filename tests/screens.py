@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 START_S = 30.0  # an idle machine needs one second
-KNOWN_MODES = "1280x720", "1024x768"  # of the dummy driver
+KNOWN_MODES = "1280x720", "1024x768"  # modes of the dummy driver
 TWO_MONITORS = """
 Section "ServerFlags"
   Option "AutoAddDevices" "false"

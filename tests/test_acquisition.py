@@ -456,7 +456,10 @@ def test_the_next_command_and_missing_coverage_are_said(
     words = ["--camera", f"simulated:{tmp_path / 'wall'}", "--shots", "1", "--no-preflight", "-o", str(output)]
     assert acquire_transport.main(words) == 0
     printed = capsys.readouterr()
-    assert printed.out.splitlines()[-1] == f"next: counterlight build '{output}'"
+    result, action = printed.out.splitlines()[-1].split("; next: ")
+    assert re.fullmatch(rf"{output}: measured, \d+\.\d % of the projector's pixels seen", result)
+    assert action == f"counterlight build '{output}'"
+    assert "clusters" not in printed.out
     exposures = len(list((tmp_path / "a room.captures").rglob("*.png")))
     announced = re.match(r"acquisition: about (\d+) exposures of \d+ pictures, \d+ s, 1 MB\n", printed.err)
     assert announced

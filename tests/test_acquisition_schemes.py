@@ -428,4 +428,4 @@ def test_the_window_grows_with_the_blur(rng: np.random.Generator) -> None:
         done = run(room_of(sharp_wall(rng, sigma)), MultiplexedScheme())
         sides += [int(re.search(r"tiles of (\d+)", note)[1]) for note in done.measured.notes if "tiles" in note]  # type: ignore[index]
     assert 4 <= sides[0] <= 5
-    assert 6 <= sides[1] <= 8  # 2 · 2.3 σ is 6
+    assert 6 <= sides[1] <= 8  # a window of ± 2.3 σ has 6 pixels

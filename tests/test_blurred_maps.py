@@ -33,7 +33,7 @@ from tests.oracles.renderer import ReferenceRenderer
 from tests.programs import fail, succeed
 
 RADIUS = 6.0
-FLOAT32 = 1e-5  # of full drive or of white: sums of a few hundred float32 terms per step
+FLOAT32 = 1e-5  # share of full drive or of white: sums of a few hundred float32 terms per step
 
 
 def built(rng: np.random.Generator, *, far: bool) -> tuple[Transport, BuiltRoom]:

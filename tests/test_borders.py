@@ -302,7 +302,7 @@ def test_what_is_no_file_is_refused_at_once(room: DamagedRoom, name: str) -> Non
 
 @pytest.mark.parametrize("suffix", [".toml", ".npz", ".exr", ".png"])
 def test_a_damaged_room_is_read_or_refused(room: DamagedRoom, suffix: str) -> None:
-    """60 mutants per kind of file with renewed checksums, 20 without; the latter are refused unless they are TOML."""
+    """Each kind of file has 80 mutants. 60 have renewed checksums; the other 20 are refused unless they are TOML."""
     names = [name for name in room.files if name.endswith(suffix)]
     found = set()
     for i in range(80):

@@ -126,8 +126,12 @@ def test_the_maps_say_how_they_are_played_and_options_prevail(tmp_path: Path) ->
     *lines, said = succeed("build", tmp_path / "room").splitlines()
     (rate,) = [line for line in lines if line.startswith("play draws ")][:1]
     assert re.fullmatch(r"play draws \d+(\.\d)? frames per second here with \d+ steps", rate)
-    assert "s: the whole T⁺, " in said
-    assert said.endswith(f"next: counterlight play {tmp_path / 'room'} MEDIA")
+    assert any(line.startswith("maps: the whole T⁺, ") for line in lines)
+    result = (
+        rf"{tmp_path / 'room'}: ready to play, built in \d+\.\d s; next: counterlight play {tmp_path / 'room'} MEDIA"
+    )
+    assert re.fullmatch(result, said)
+    assert not re.search("λ|clusters|fill", "\n".join((*lines, said)))
     manifest = tmp_path / "room" / "correction" / "manifest.toml"
     advice = tomllib.loads(manifest.read_text())["play"]
     curve = advice["below_optimum_db"][advice["start"]]

@@ -114,7 +114,7 @@ def test_a_flat_wall_is_one_screen_also_where_only_one_camera_sees_it(flat: list
 
 
 def test_a_fold_is_followed(flat: list[RoomSeen]) -> None:
-    """The wall turns away where both cameras look: the smooth map keeps the kink."""
+    """The wall has a fold where both cameras look, and the smooth map keeps it."""
     bent = [room_seen(FIRST, folded(LEFT)), room_seen(SECOND, folded(RIGHT))]
     expected = position_in_first(SECOND, RIGHT)  # both cameras see the fold's line at the same projector pixels
     error = away(screen_of(shared(*bent)), 1, expected)
@@ -177,7 +177,7 @@ def test_a_camera_beside_its_copy_counts_once(flat: list[RoomSeen]) -> None:
     b = np.repeat(0.5 * room.mask.reshape(-1, 1), 3, axis=1)
     drives = [Box(each).solve(np.concatenate([b] * count)).drive for each, count in ((alone, 1), (both, 2))]
     seen = [T.apply(drive) for drive in drives]
-    assert np.abs(seen[0] - seen[1])[room.mask.ravel()].max() < 0.5 * 1 / 255  # of white; the solver's gap
+    assert np.abs(seen[0] - seen[1])[room.mask.ravel()].max() < 0.5 * 1 / 255  # half a code; the solver's gap
 
 
 def test_shares_add_up_to_the_screens_area(flat: list[RoomSeen]) -> None:

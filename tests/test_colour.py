@@ -25,7 +25,7 @@ from tests.coloured_rooms import CROSSTALK, LEDS, WHEEL, ColouredRoom, coloured_
 FloatArray = NDArray[np.float64]
 SIXTEEN = mixing_of_condition(16)
 UNLIKE_CAMERA, UNLIKE_PROJECTOR = (12, 16), (9, 12)  # 18 dense matrices, which take scipy seconds
-NEAR_DB = 0.05  # of the nine matrices' optimum: the box solver's gap, and errors that two primaries share
+NEAR_DB = 0.05  # distance from the optimum of nine matrices: the box solver's gap, and errors that two primaries share
 
 
 def picture(camera: tuple[int, int]) -> FloatArray:

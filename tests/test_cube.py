@@ -17,7 +17,7 @@ from tests.oracles.formulas import planes_to_linear, tetrahedral
 from tests.programs import fail
 from tests.rooms import rgb_frame, yuv_frame
 
-TABLE = 2e-6  # of a transfer table of 1024 samples
+TABLE = 2e-6  # error of a transfer table of 1024 samples
 
 
 def identity(size: int) -> Cube:
@@ -64,7 +64,7 @@ def test_codes_of_a_picture_go_through_it(rng: np.random.Generator, tmp_path: Pa
 
 
 def test_a_conversion_makes_an_ordinary_picture_of_hdr(rng: np.random.Generator) -> None:
-    """The identity of type `conversion` takes PQ codes as BT.1886, as a table from PQ to BT.709 would write them."""
+    """With an identity table of type `conversion`, the player reads PQ codes as BT.1886 codes."""
     frame = yuv_frame(rng, (8, 12), transfer="pq", primaries="bt2020", matrix="bt2020", depth=10)
     native, conversion = (
         planes_to_linear(frame.planes, frame.format, signal_of(frame.format, adjustments))

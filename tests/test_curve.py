@@ -60,7 +60,7 @@ def test_any_rising_curve_is_measured(name: str) -> None:
     found = measured(stored)
     codes = np.linspace(0.25, 0.9, 40)  # darker codes have less light than the errors below
     light = found.response.to_linear(np.repeat(codes[:, None], 3, axis=1))[:, 1]
-    design = np.stack([light, np.ones_like(light)], axis=1)  # exposure, and light of black, which no picture shows
+    design = np.stack([light, np.ones_like(light)], axis=1)  # unknown exposure and black light: no picture shows them
     scaled = design @ np.linalg.lstsq(design, truth(codes))[0]
     error = (scaled - truth(codes)) / truth(codes).max()
     assert np.sqrt(np.mean(error**2)) < 0.004  # 700 camera pixels

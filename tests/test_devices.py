@@ -39,7 +39,7 @@ def by_the_processor() -> tuple[list[np.ndarray], list[float], list[str]]:
 def test_whatever_decodes_the_pictures_are_the_same(
     hwdec: str, by_the_processor: tuple[list[np.ndarray], list[float], list[str]]
 ) -> None:
-    """H.264 is exact. An available device decodes without a notice."""
+    """Every device decodes H.264 to the same codes. A notice names a device that is not available."""
     shown, times, said = pictures(CLIP, hwdec)
     assert times == by_the_processor[1]
     for found, expected in zip(shown, by_the_processor[0], strict=True):

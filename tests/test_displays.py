@@ -90,7 +90,7 @@ def test_a_projector_beside_its_copy_gives_half_of_the_light(
     alone, together = rows(single, shape), rows(twice, (shape[0], 2 * shape[1]))
     for half in (together[:, : shape[1]], together[:, shape[1] :]):
         difference = np.abs(half - alone / 2).sum(axis=2).max()
-        assert difference < 0.5 / 255  # of drive, for light of 1: truncation and windows lose this much in each
+        assert difference < 0.5 / 255  # drive, for light of 1: truncation and windows lose this much in each
 
 
 def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_who_has_a_matrix_gets_pictures(tmp_path: Path, monkeypatch: pytest.Monk
         assert program == "counterlight"
         done = command(verb, *arguments)
         assert done.returncode == 0, done.stderr
-        assert verb != "import-transport" or done.stdout.endswith("\nnext: counterlight build room\n")
+        assert verb != "import-transport" or done.stdout.endswith("; next: counterlight build room\n")
         quality = re.search(r"camera PSNR ([\d.]+) dB", done.stdout)
         # the wallpaper is invisible
         assert "--view" not in arguments or (quality and float(quality[1]) > 35), done.stdout
@@ -64,7 +64,7 @@ def received(heard: socket.socket) -> tuple[str, float]:
 
 
 def test_a_midi_desk_commands_the_show(tmp_path: Path) -> None:
-    """The desk sends a fader, running status with a clock in between, a note, and a fader of another channel."""
+    """The desk sends a fader, the next fader as running status after a clock, a note, and a fader of channel 4."""
     os.mkfifo(tmp_path / "desk")
     with bridge(0, tmp_path, tmp_path / "desk") as (heard, _), (tmp_path / "desk").open("wb", buffering=0) as desk:
         desk.write(bytes([0xB0, 1, 127, 2, 0xF8, 0, 0x90, 1, 100, 0xC0, 5, 0xB3, 99, 3, 64, 127]))

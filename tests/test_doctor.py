@@ -76,11 +76,12 @@ def test_what_only_some_cameras_need_is_a_note_with_its_fix(
 
 
 def test_wrong_use_is_one_line() -> None:
-    outcome = command("doctor", "--colour")
-    assert outcome.returncode == BAD_INPUT
-    assert outcome.stderr.splitlines() == [
-        "error: counterlight doctor: unrecognized arguments: --colour; see counterlight doctor --help"
-    ]
+    for word in ("--colour", " "):
+        outcome = command("doctor", word)
+        assert outcome.returncode == BAD_INPUT
+        assert outcome.stderr.splitlines() == [
+            f"error: counterlight doctor: unrecognized arguments: {word}; see counterlight doctor --help"
+        ]
 
 
 @pytest.mark.parametrize(("user", "sudo"), [(0, ""), (1000, "sudo ")])

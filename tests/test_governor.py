@@ -9,7 +9,7 @@ from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.governor import TRIES, WELL_WITHIN, Governor
 
 FRAME_S = 0.04
-SELDOM = 5  # of 200 frames at most try one more step: after 8, 16, 32, 64, 100 frames
+SELDOM = 5  # frames of 200 that may try one more step: after 8, 16, 32, 64, 100 frames
 STARTS = {"map": "previous", "direct": "previous-direct"}
 CURVE = Curve((0, 2, 4, 8, 16), (6.0, 1.6, 0.6, 0.2, 0.06))
 
@@ -140,7 +140,7 @@ def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
         assert governor.is_at_least == bool(offers)
         governor.slow_to(3 * FRAME_S)
         machine.draw(200)
-        assert machine.steps[-1] == 4  # which take 85 ms of 120
+        assert machine.steps[-1] == 4  # 4 steps take 85 ms of 120
 
 
 @pytest.mark.parametrize(("budget", "start"), [(16.0, "previous-direct"), (60.0, "previous")])

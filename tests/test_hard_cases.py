@@ -175,7 +175,7 @@ def test_weights_from_1e_7_to_1e3_lose_no_more_than_the_cut_off(method: str) -> 
     case = hard.graded_weights()
     p = unclamped(case, method)
     allowed = cut_off(case.dense) * np.sqrt(case.T.shape[1])  # ‖p‖ ≤ √n for the p in 0..1 that gave b
-    rounding = FLOAT32_EPS * np.linalg.norm(case.target) * 30  # of float32 weights, both ways through T
+    rounding = FLOAT32_EPS * np.linalg.norm(case.target) * 30  # rounding of float32 weights, both ways through T
     assert np.linalg.norm(case.T @ p - case.target) <= allowed + (rounding if "map" in method else 0)
     assert np.abs(p).max() <= np.linalg.norm(case.target) / cut_off(case.dense)
 

@@ -16,7 +16,7 @@ from tests.hard_systems import HardCase
 from tests.studies import hard_cases
 
 UNFINISHED = 1e-4  # the largest measured value is 7e-5, with condition 1e14
-PRIOR = 0.006  # of the floodlit room's RMS; the largest measured value is 0.0052
+PRIOR = 0.006  # share of the floodlit room's RMS; the largest measured value is 0.0052
 MOST_NOISE = {
     "weights 1e-7 to 1e3": 300,  # noise of the brightest pixels drives the faintest pixel over its full range
     "rank-deficient, wide": 20,  # pixels that the camera cannot separate have weak ties

@@ -1,12 +1,16 @@
 """--help shows the common options on two screens, --help-all shows every option, and both fit the terminal."""
 
 import re
+import shlex
+import shutil
 from argparse import SUPPRESS, Action, BooleanOptionalAction
+from pathlib import Path
 
 import pytest
 
 from counterlight.command import WIDEST
 from counterlight.tools import verbs
+from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.verbs import VERBS
 from tests.parsers import parser_of
 
@@ -45,9 +49,25 @@ def test_help_fits_and_help_all_is_complete(
     if parser.common:
         assert sorted(ROW.findall(brief)) == sorted({row_of(action) for action in (*common, *required)})
         assert set(parser.common) <= set(parser._option_string_actions)
-        assert all(f"\n  {example}\n" in brief for example in parser.examples) or columns < 80
     else:
         assert set(ROW.findall(whole)) - set(ROW.findall(brief)) == {"--help-all"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_examples_are_accepted(
+    verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The help of every verb shows two examples, and the verb accepts their options."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(next(iter(shipped_scenes().values())), "scene.toml")
+    monkeypatch.setenv("COLUMNS", "80")
+    parser, brief = parser_of(verb), printed(verb, "--help", capsys)
+    assert len(parser.examples) == 2
+    for example in parser.examples:
+        assert f"\n  {example}\n" in brief
+        program, named, *words = shlex.split(example.replace("\\\n", ""))
+        assert (program, named) == ("counterlight", verb)
+        parser.parse_args(words)
 
 
 def test_every_option_and_argument_is_explained() -> None:

@@ -50,7 +50,9 @@ def test_the_command_makes_a_calibration(captures: Path, tmp_path: Path) -> None
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert re.search(r"opencv order, camera taken as srgb: \d+ of 127x95 camera pixels valid", ended.stdout)
-    assert re.search(r"projector pixels: \d+ seen, \d+ filled, \d+ never seen;.* \d+\.\d s\nnext: ", ended.stdout)
+    assert re.search(
+        r"projector pixels: \d+ seen, \d+ filled, \d+ never seen;.* \d+\.\d s\n.*: imported; next: ", ended.stdout
+    )
     stored = calibration.read(folder)
     room = stored.calibration
     assert (room.name, room.projector.shape) == ("room", PROJECTOR)

@@ -65,7 +65,7 @@ def test_the_halo_is_separated_from_the_response() -> None:
     found = fit_pairs(pictures, captures, additive=True)
     codes = np.repeat(np.linspace(0, 1, 18)[:, None], 3, axis=1)
     error = found.processing.light(codes) - codes**GAMMA
-    assert np.sqrt(np.mean(error**2)) < 0.042  # of white; 0.037 here, and 0.048 if the response explains the halo
+    assert np.sqrt(np.mean(error**2)) < 0.042  # share of white; 0.037 here, and 0.048 if the response explains the halo
 
 
 def test_the_halo_is_what_blurs_add(rng: np.random.Generator) -> None:
@@ -98,7 +98,7 @@ def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None
     error = np.sqrt(np.mean((predicted - true)[:, INNER[0], INNER[1]] ** 2))
     shown = fitted.shown(pictures)
     slope, offset, _ = regression(shown, true.astype(np.float32))
-    assert error < 0.012  # of white; places, response and spread come from 16 noisy captures
+    assert error < 0.012  # share of white; places, response and spread come from 16 noisy captures
     assert error < 1.2 * np.sqrt(np.mean((slope * shown + offset - true)[:, INNER[0], INNER[1]] ** 2))
 
 
@@ -106,7 +106,7 @@ def test_light_next_to_the_picture_falls_with_the_picture(fitted: Fitted) -> Non
     """The pairs have no black picture, so that only the halo tells how dark the wall is without light."""
     black = np.zeros((1, *PROJECTOR, 3), np.uint8)
     error = (fitted.predict(black)[0] - Wall(halo=0.1).light(black[0]))[~fitted.lit]
-    assert np.sqrt(np.mean(error**2)) < 0.003  # of white; 0.0016 here, and 0.008 without a free offset
+    assert np.sqrt(np.mean(error**2)) < 0.003  # share of white; 0.0016 here, and 0.008 without a free offset
 
 
 def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:
@@ -117,7 +117,7 @@ def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:
     assert T.far is not None
     found = (T @ light).reshape(*CAMERA, 3) + ambient_of(fitted)
     error = (found - fitted.predict(picture)[0])[INNER]
-    assert np.sqrt(np.mean(error**2)) < 0.01  # of white; dropped entries are below 2 % of the largest one
+    assert np.sqrt(np.mean(error**2)) < 0.01  # share of white; dropped entries are below 2 % of the largest one
 
 
 def test_content_identifies_the_pairs() -> None:

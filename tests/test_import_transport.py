@@ -281,7 +281,7 @@ def test_a_response_that_nobody_gave_is_srgb_and_said(
     assert main(arguments(tmp_path)) == 0
     *_, assumed, command = capsys.readouterr().out.splitlines()
     assert assumed.startswith("response: sRGB assumed; measure it with counterlight")
-    assert command == f"next: counterlight build {tmp_path / 'room'}"
+    assert command == f"{tmp_path / 'room'}: imported; next: counterlight build {tmp_path / 'room'}"
     assert calibration.read(tmp_path / "room").calibration.projector.response == Response("srgb")
     assert main(arguments(tmp_path, "--response", "linear", "--force")) == 0
     assert "assumed" not in capsys.readouterr().out

@@ -148,7 +148,7 @@ def test_the_black_level_lifts_black_and_keeps_white() -> None:
 
 @pytest.mark.parametrize("percent", [1.0, 7.0, 12.0])
 def test_what_is_too_bright_is_scaled_until_the_share_may_clip(percent: float) -> None:
-    """White in a room that reaches 0.6 of it: at scale s, s − 0.6 of each 1 clips, so s = 0.6 + the allowed share."""
+    """White in a room that reaches 0.6 of white. At scale s, s − 0.6 clips, so s = 0.6 + the allowed share."""
     c = opened(diagonal_room(0.6, 0.0), even((255, 255, 255)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.6 + percent / 100, atol=1e-6)
 

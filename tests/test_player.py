@@ -40,7 +40,7 @@ ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
 def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Transport]:
     folder = tmp_path_factory.mktemp("rooms") / "wall"
     transport = write_blurred_room(folder, np.random.default_rng(7), ROOM_CAMERA, ROOM_PROJECTOR)
-    out = succeed("build", folder, "--regularize", "0.02", "--max-error", "0.1")
+    out = succeed("build", folder, "--regularize", "0.02", "--max-error", "0.1", "--verbose")
     assert re.search(r"clusters, largest .* entries, texture \d+x\d+, fill 9\d\.\d %", out)
     return folder, transport
 
@@ -219,14 +219,14 @@ def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tm
 
 def test_a_map_without_refinement_plays_and_says_what_is_missing(room: Path, tmp_path: Path) -> None:
     out = tmp_path / "o.png"
-    summary = succeed("build", room, "--regularize", "0.1", "--no-refine")
+    summary = succeed("build", room, "--regularize", "0.1", "--no-refine", "--verbose")
     assert {path.name for path in (room / "correction").iterdir() if path.is_dir()} == {"transport"}
     succeed("play", room, CLIP, "--output", out)
     for option in (["--refine", "4"], ["--refine-from", "grey"]):
         line = fail("play", room, CLIP, "--output", out, *option)
         assert "built without what refinement needs; rebuild them with: counterlight build" in line
     succeed("play", room, CLIP, "--output", out, "--refine", "0")
-    sizes = [float(re.findall(r"([\d.]+) MiB", text)[0]) for text in (summary, succeed("build", room))]
+    sizes = [float(re.findall(r"([\d.]+) MiB", text)[0]) for text in (summary, succeed("build", room, "--verbose"))]
     assert sizes[0] < sizes[1]
 
 

@@ -102,7 +102,7 @@ def weakly_curved(shot: Shot, _: int) -> Any:
 
 
 def white_segment(codes: Codes) -> Codes:
-    """Model a white segment: colours have two thirds of their light as a part of white."""
+    """Model a white segment: a colour alone has two thirds of the light that it has within white."""
     grey = np.all(codes == codes[..., :1], axis=2, keepdims=True)
     return np.where(grey, codes, codes // 3 * 2).astype(np.uint8)
 

@@ -88,8 +88,8 @@ def of_limited_range(codes: FloatArray) -> FloatArray:
 @pytest.mark.parametrize(
     ("light", "atol"),
     [
-        # The noise of a reading is 0.05 % of white, with five sigmas. The larger bounds cover what lies between 17
-        # levels:
+        # The bound of a reading's noise is 0.05 % of white (five sigmas). The larger bounds include interpolation
+        # between 17 levels:
         (gammas(2.1, 2.2, 2.35), 0.003),
         (gammas(1.0, 1.8, 2.8), 0.003),
         (srgb, 0.003),

@@ -97,13 +97,17 @@ def test_the_verb_switches_all_that_it_is_given(tmp_path: Path) -> None:
         assert succeed("projector", "on", *options).splitlines() == [
             f"projector {hosts[0]}: on, 1234 h of lamp",
             f"projector {hosts[1]}: on, 1234 h of lamp",
+            "2 of 2 projectors obeyed; next: counterlight play ROOM MEDIA --fullscreen",
         ]
         assert first.power == second.power == ON
         second.password = "changed"
         told = command("projector", "status", *options)
         assert told.returncode == 2
         assert told.stderr == f"error: projector {hosts[1]}: the password is wrong; correct it\n"
-        assert told.stdout == f"projector {hosts[0]}: on, 1234 h of lamp\n"
+        assert told.stdout.splitlines() == [
+            f"projector {hosts[0]}: on, 1234 h of lamp",
+            "1 of 2 projectors answered; next: counterlight projector on HOST",
+        ]
     assert "names no projector; add a HOST, or --schedule FILE" in fail("projector", "status")
     assert "expected HOST[:PORT], found 'x:y'" in fail("projector", "status", "x:y")
 

@@ -29,7 +29,7 @@ from tests.rooms import write_blurred_room
 
 BLACK, WHITE = (508, 512, 516, 520), 15872
 SCALE = TOP / (WHITE - np.array(BLACK))
-HALF = 0.5 + 1 / 128  # of a code: rounding, and float32 sums up to 2¹⁶
+HALF = 0.5 + 1 / 128  # code values: rounding, and float32 sums up to 2¹⁶
 
 
 @pytest.fixture
@@ -203,7 +203,7 @@ def test_a_bracket_is_merged_as_linear_with_its_own_times(rng: np.random.Generat
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "44x30, 3 pictures of 0.125 to 2 s, debevec, hat weights, response linear" in ended.stdout
     found = read_rgb(tmp_path / "out.exr")
-    step = 1 / (WHITE - 512) / 0.125  # of the shortest exposure, the only one for the brightest light
+    step = 1 / (WHITE - 512) / 0.125  # a code of the shortest exposure, which alone measures the brightest light
     assert np.abs(found - light).max() < 0.51 * step + 1e-3 * light.max()  # plus half-float rounding
 
 

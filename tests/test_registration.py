@@ -16,7 +16,7 @@ from tests.rooms import blurred_transport
 
 CAMERA, PROJECTOR = (60, 84), (48, 64)
 WHOLE = Region(0, 0, 64, 48)
-NOISE = Noise(np.full(3, 5 / 20000), np.full(3, 1 / 20000))  # of 20 000 electrons
+NOISE = Noise(np.full(3, 5 / 20000), np.full(3, 1 / 20000))  # noise of 20 000 electrons
 CORNERS = np.array([(0, 0), (64, 0), (64, 48), (0, 48), (32, 24.0)])
 EXACT = 0.02  # pixels: 5000 camera pixels, residuals of a few percent, slopes of 0.1 per pixel: 0.004 for a shift
 CORNER = 0.04  # eight unknowns, which few pixels at the corners constrain

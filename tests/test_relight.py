@@ -15,6 +15,7 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.pipeline.operators import compensation
 from counterlight.tools import build_correction_map
+from counterlight.tools.relight import SHOWN
 from counterlight.tools.relighting.pictures import white_level
 from counterlight.tools.transport.transport import Transport, channels, far_light_of
 from tests.programs import fail, succeed
@@ -128,7 +129,9 @@ def test_each_view_as_a_command(stored: tuple[StoredCalibration, Transport], tmp
         "inverse-dual": dense(room_maps.correction).sum(axis=2).T,
     }[view]
     out = succeed("relight", room.folder, "--view", view, "-o", tmp_path / "view.exr")
-    assert out == f"{tmp_path / 'view.exr'}: {view}, {size_of(view)}, linear values\n"
+    described, last = out.splitlines()
+    assert described == f"{tmp_path / 'view.exr'}: {view}, {size_of(view)}, linear values"
+    assert last.startswith(f"{tmp_path / 'view.exr'}: {SHOWN[view]}; next: counterlight ")
     found = exr.read_rgb(tmp_path / "view.exr").reshape(-1, 3)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)  # float32 files of values around 1
     assert "white is 0.5" in succeed("relight", room.folder, "--view", view, "--white", 0.5, "-o", tmp_path / "v.png")

@@ -157,7 +157,7 @@ def test_a_room_that_is_lost_is_told_and_the_show_goes_on() -> None:
 
 def test_a_check_that_is_asked_for_begins_at_once_and_its_outcome_is_told() -> None:
     """The check begins although none is due and the show has several media."""
-    show = Shown(Reader("a", count=1000), Reader("b"), code="print('nothing has changed')")
+    show = Shown(Reader("a", count=1000), Reader("b"), code="print('nothing has changed; next: counterlight play')")
     commands = show.stage.commands
     assert commands.get("checking") is False
     assert commands.run("check-room") == "checking the room"

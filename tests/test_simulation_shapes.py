@@ -109,7 +109,7 @@ def test_a_sphere_of_triangles_is_a_sphere(rng: np.random.Generator) -> None:
     a, b = exact.meet(origins, directions), cut.meet(origins, directions)
     both, i, j = np.intersect1d(a.ray, b.ray, return_indices=True)
     facing = np.abs(np.sum(a.normal[i] * directions[both], axis=1)) > 0.2
-    sagitta = 0.8 * (np.pi / 256) ** 2  # of one field; twice as much for the two diagonals
+    sagitta = 0.8 * (np.pi / 256) ** 2  # sagitta of one field; twice as much for the two diagonals
     assert np.abs(a.distance[i] - b.distance[j])[facing].max() < 2 * sagitta / 0.2
     assert np.sum(a.normal[i] * b.normal[j], axis=1)[facing].min() > 0.999  # both point outwards
     assert set(b.ray) <= set(a.ray)

@@ -254,7 +254,10 @@ def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_
 def test_command_writes_code_values_by_default(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     stored, picture = room
     for suffix in ("png", "exr"):
-        succeed("compensate", stored.folder, picture, "-o", tmp_path / f"p.{suffix}")
+        out = succeed("compensate", stored.folder, picture, "-o", tmp_path / f"p.{suffix}")
+        assert "gap" not in out
+        assert out.splitlines()[-1].startswith(f"{picture}: compensated by box; next: counterlight verify ")
+    assert "    red: relative gap " in succeed("compensate", stored.folder, picture, "--verbose")
     codes = cv2.imread(str(tmp_path / "p.png"))[..., ::-1]
     light = exr.read_rgb(tmp_path / "p.exr").astype(np.float64)
     np.testing.assert_allclose(Response("srgb").to_linear(codes / 255), light, atol=0.006)

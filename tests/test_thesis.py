@@ -1,5 +1,6 @@
 """build --inverse thesis, play --refine 0: clamp(T⁺ (c − e)) of chapter 5 against numpy's pseudo-inverse."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -105,8 +106,7 @@ def test_the_threshold_is_of_near_and_far_light_together(room: Path, rng: np.ran
 
 def test_its_maps_undo_no_far_light_and_are_played_without_a_step(room: Path) -> None:
     out = succeed("build", room, "--inverse", "thesis")
-    assert out.splitlines()[-1].split(": ", 1)[1].startswith("T⁺ as the thesis computes it, ")
-    assert "; play makes no step; next: " in out
+    assert re.search(r"\nmaps: T⁺ as the thesis computes it, .*; play makes no step\n", out)
     manifest = tomllib.loads((room / "correction" / "manifest.toml").read_text())
     assert manifest["options"]["inverse"] == manifest["inverse"]["chosen"] == "thesis"
     assert manifest["options"]["regularize"] == manifest["inverse"]["damping"] == 0.0

@@ -87,7 +87,10 @@ def test_another_room_is_noticed(rooms: Path, tmp_path: Path, capsys: pytest.Cap
     shutil.rmtree(rooms / "acquired" / "drift", ignore_errors=True)
     assert verify_projection.main([*verified(rooms)[:3], f"simulated:{tmp_path / 'other'}"]) == verify_projection.LOST
     said = capsys.readouterr().out
-    assert re.fullmatch(r"\d+% of the floodlit room is brighter or darker .* no longer holds: acquire again\n", said)
+    assert re.fullmatch(
+        r"\d+% of the floodlit room is brighter or darker .* acquire again; next: counterlight acquire .* --force\n",
+        said,
+    )
     assert not (rooms / "acquired" / "drift").exists()
     write_blurred_room(tmp_path / "large", np.random.default_rng(9), CAMERA, (12, 16))
     assert verify_projection.main([*verified(rooms)[:3], f"simulated:{tmp_path / 'large'}"]) == 2
@@ -100,7 +103,7 @@ def test_another_room_is_noticed(rooms: Path, tmp_path: Path, capsys: pytest.Cap
 def test_what_goes_without_a_picture_and_what_does_not(rooms: Path, capsys: pytest.CaptureFixture[str]) -> None:
     room, picture, *camera = verified(rooms)
     assert verify_projection.main([room, *camera]) == 0
-    assert capsys.readouterr().out == "nothing has changed\n"
+    assert capsys.readouterr().out == f"nothing has changed; next: counterlight play {room} MEDIA\n"
     for words, complaint in (
         ([room, *camera, "--rounds", "2"], "are of a PICTURE"),
         ([room, picture, *camera, "--watch", "5"], "leave out PICTURE"),
@@ -166,11 +169,12 @@ def test_what_has_changed_is_distinguished(
     shutil.rmtree(wall / "drift", ignore_errors=True)
     write_changed(tmp_path / "now", stored, **how)
     code = verify_projection.main([str(wall), "--camera", f"simulated:{tmp_path / 'now'}"])
-    printed = capsys.readouterr().out
+    printed, _, action = capsys.readouterr().out.partition("; next: ")
     assert re.match(said, printed), printed
+    assert action.startswith("counterlight play " if undone else "counterlight acquire --camera ")
     assert printed.count(";") == (0 if undone else 1)  # nothing else is reported
     assert (code, (wall / "drift").exists()) == ((0, True) if undone else (verify_projection.LOST, False))
-    assert printed.endswith(": corrected\n") == undone
+    assert printed.endswith(": corrected") == undone
 
 
 def test_nothing_is_corrected_unasked_and_what_came_back_is_forgotten(
@@ -181,7 +185,7 @@ def test_nothing_is_corrected_unasked_and_what_came_back_is_forgotten(
     write_changed(tmp_path / "now", stored, shift=(0.8, 0.6))
     now, then = (["--camera", f"simulated:{room}"] for room in (tmp_path / "now", wall))
     assert verify_projection.main([str(wall), *now, "--no-correct"]) == 0
-    assert capsys.readouterr().out.endswith(": not corrected\n")
+    assert ": not corrected; next: counterlight verify " in capsys.readouterr().out
     assert read_drift(stored) is None
     for camera, changes in ((now, True), (then, False)):
         assert verify_projection.main([str(wall), *camera]) == 0
@@ -193,7 +197,7 @@ def test_nothing_is_corrected_unasked_and_what_came_back_is_forgotten(
 def test_a_corrected_picture_arrives_as_it_would_have(wall: Path, tmp_path: Path) -> None:
     """A pixel of drift costs 7 dB here, and its correction returns 5 dB.
 
-    Each camera pixel has its own paint, so drives are as fine as pixels, and interpolation cannot carry them. The
+    Each camera pixel has its own paint, so neighbouring drives differ, and interpolation blurs them. The
     target is black where no light arrives after the move.
     """
     picture = np.zeros((54, 75), np.float32)
@@ -238,7 +242,7 @@ def test_a_folder_of_captures_goes_on_level_by_level(
     said = capsys.readouterr().out
     assert re.match(r"the projector's picture has moved by 0\.[78]\d, 0\.[56]\d pixels", said)
     assert "round 1: " in said
-    assert re.search(r"\nthe picture arrives as predicted, \d\d\.\d dB\n$", said)
+    assert re.search(r"\nthe picture arrives as predicted, \d\d\.\d dB; next: counterlight play .*\n$", said)
     assert [*(exchange / "patterns").iterdir(), *(exchange / "captures").iterdir()] == []
     assert verify_projection.main([str(wall), *camera]) == 2  # the next check has its own numbers
     assert min(path.name for path in (exchange / "patterns").iterdir()) == f"{3 * REPEATS + 4:05}.png"

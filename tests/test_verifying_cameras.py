@@ -77,7 +77,7 @@ def test_who_has_changed_is_distinguished(room: Path, tmp_path: Path, capsys: Ca
     write_changed(tmp_path / "now", calibration.read(room), **how)
     code = verify(room, "--camera", f"simulated:{tmp_path / 'now'}")
     printed = capsys.readouterr().out
-    assert re.fullmatch(rf"{said}\n", printed), printed
+    assert re.fullmatch(rf"{said}; next: counterlight .*\n", printed), printed
     assert code == (0 if holds else verify_projection.LOST)
 
 
@@ -90,7 +90,8 @@ def test_one_camera_tells_whose_lamp_it_is(room: Path, tmp_path: Path, capsys: C
     write_changed(tmp_path / "now", calibration.read(pair), lamps=[0.85, 1.0])
     assert verify(pair, "--camera", f"simulated:{tmp_path / 'now'}") == 0
     assert re.fullmatch(
-        r"projector 1's light is (8[45]\.\d%(, )?){3} of what it was: corrected\n", capsys.readouterr().out
+        r"projector 1's light is (8[45]\.\d%(, )?){3} of what it was: corrected; next: counterlight .*\n",
+        capsys.readouterr().out,
     )
 
 

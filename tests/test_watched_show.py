@@ -206,7 +206,7 @@ def test_a_faulty_watcher_is_reported_once_and_started_again_after_a_pause(
             began_s = clock.now
             clock.now += again
             show.until(lambda: not show.watcher.running)
-            assert clock.now - began_s < again + 60  # of the show's time; a frame counts for 0.01 s
+            assert clock.now - began_s < again + 60  # the show's time; a frame counts for 0.01 s
             ended_s = clock.now
             assert show.state["state"] == "starting"
             while not show.watcher.running:
@@ -239,7 +239,7 @@ def test_a_watcher_that_reads_nothing_gets_whole_messages_or_none(
         show.until(lambda: show.messages("Light")[-1]["time_s"] > show.stage.clock.now - 1)
         assert show.session.stats.notices == []
     times = np.array([each["time_s"] for each in show.messages("Light")])
-    assert np.diff(times).max() > 1  # what is missing is missing as a whole: the rest could be read
+    assert np.diff(times).max() > 1  # no capture is half missing: all others could be read
 
 
 def test_a_show_without_a_watcher_says_so(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from tests.watched_films import Film, Scene, watched
 SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
 CALM = Devices(projector=Projector(gammas=None))
 NEAR_PX, NEAR_LIGHT = 0.06, 0.015  # a film of 16 s after the change; 64x48 camera pixels of 8 bits
-STILL_PX = 0.02  # of the picture's middle, if nothing has moved
+STILL_PX = 0.02  # noise of the picture's middle, if nothing has moved
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="module")
 def view(rig: Rig) -> RoomView:
-    """The room without errors of a calibration: each channel of the camera sees one primary."""
+    """The true room, as a calibration without errors: each channel of the camera sees one primary."""
     (height, width), (rows, columns) = rig.camera, rig.raster
     near = sparse.csr_array(rig.transport.near)
     camera, projector = height * width, rows * columns
@@ -99,7 +99,7 @@ def test_a_jump_is_found_by_a_camera_of_unknown_exposure(view: RoomView, rig: Ri
     scene = replace(later(shift=(0.3, 0.4)), camera=camera, told=False)
     last = seen(view, rig, scene)[-1]
     np.testing.assert_allclose(middle(view, last), (0.3, 0.4), atol=NEAR_PX)
-    expected_s = camera.latency_s + 0.8 * camera.jitter_s + camera.rolling_s / 2  # of the middle row
+    expected_s = camera.latency_s + 0.8 * camera.jitter_s + camera.rolling_s / 2  # latency of the middle row
     assert abs(last.latency_s - expected_s) < exposure_s / 2 + 0.01  # exposures that are tried lie this far apart
 
 

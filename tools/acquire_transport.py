@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, at_least_0, next_command, run
+from counterlight.command import Arguments, Parser, add_verbose, at_least_0, command_line, conclusion, run
 from counterlight.errors import InputError
 from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options, sources_of
@@ -37,7 +37,7 @@ EXAMPLES = (
 )
 COMMON = (
     *("--projector", "--monitor", "--window", "--exposures", "--shots", "--camera-response"),
-    *("--preview", "--pictures", "--averaging", "--response", "--name", "--force", "--report"),
+    *("--preview", "--pictures", "--averaging", "--response", "--name", "--force", "--report", "--verbose"),
 )
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
@@ -68,7 +68,8 @@ def _main(argv: Sequence[str] | None) -> None:
     response = None if options.response is None else projector_response(options.response)
     decides = {} if options.pictures else {"threshold": str(_threshold(options)), "tile": options.tile or 0}
     if options.preview and not wanted.reuse and not _aimed(options):
-        print("nothing acquired")
+        action = command_line("acquire", "--camera", options.camera[0], "--preview", "-o", output)
+        print(conclusion("nothing acquired", action))
         return
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
@@ -83,11 +84,13 @@ def _main(argv: Sequence[str] | None) -> None:
             options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors, pictures, aim
         )
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
-        print(f"{report}\n{output}: written; the captures stay in {captures}")
+        print("\n".join(report.lines(verbose=options.verbose)))
+        print(f"{output}: written; the captures stay in {captures}")
         for warning in report.warnings:
             print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
-        print(next_command("build", output))
+        result = f"{output}: measured, {100 * report.covered:.1f} % of the projector's pixels seen"
+        print(conclusion(result, command_line("build", output)))
 
 
 def _choose_scheme(options: argparse.Namespace) -> None:
@@ -247,6 +250,7 @@ def _add_files(group: Arguments) -> None:
         "--reuse-captures", action="store_true", help="make the room again from the captures, without photographing"
     )
     group.add_argument("--report", type=Path, metavar="FOLDER", help="write the report here (default OUTPUT.report)")
+    add_verbose(group, "clusters and entries of T")
 
 
 if __name__ == "__main__":

@@ -409,7 +409,7 @@ def check_maps(room: Room, maps: RoomMaps) -> None:
 
 
 def _srgb(linear_rgb: FloatArray) -> FloatArray:
-    """Returns code values from 0 to 1 of linear light."""
+    """Encodes linear light as sRGB code values from 0 to 1."""
     return np.interp(linear_rgb, transfer_table("srgb"), np.linspace(0, 1, TABLE_SIZE))
 
 

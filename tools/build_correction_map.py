@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, next_command, run, tell
+from counterlight.command import Arguments, Parser, add_verbose, command_line, conclusion, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSES
 from counterlight.tools.cluster_option import add_cluster, workers_of
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from counterlight.tools.transport.objective import ObjectiveOptions
 
 EXAMPLES = "counterlight build room", "counterlight build room --inverse whole --report room.build"
-COMMON = "--inverse", "--regularize", "--max-error", "--colour", "--outside", "--drift", "--report"
+COMMON = "--inverse", "--regularize", "--max-error", "--colour", "--outside", "--drift", "--report", "--verbose"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,15 +54,16 @@ def _main(argv: Sequence[str] | None) -> None:
     for number, folder in enumerate(folders, 1):
         if is_set(options.calibration):
             print(f"view {number} of {len(folders)}")
-        conclusion = _build(folder, options, inverse_options, aims)
+        _build(folder, options, inverse_options, aims)
     took = time.monotonic() - start
-    print(f"{took:.1f} s: {conclusion}; {next_command('play', options.calibration, 'MEDIA')}")
+    result = f"{options.calibration}: ready to play, built in {took:.1f} s"
+    print(conclusion(result, command_line("play", options.calibration, "MEDIA")))
 
 
 def _build(
     folder: Path, options: argparse.Namespace, inverse_options: "InverseOptions", aims: "ObjectiveOptions"
-) -> str:
-    """Build one calibration and print the results; returns a line on how to play it."""
+) -> None:
+    """Build one calibration and print the results."""
     from counterlight import calibration
     from counterlight.tools.inverse.build import build_room_maps
     from counterlight.tools.report.report import write_report
@@ -73,13 +74,14 @@ def _build(
             stored, inverse_options, aims, refine=not options.no_refine, colour=options.colour, workers=workers
         )
     print(built.tier)
-    print(built.summary)
+    if options.verbose:
+        print(built.summary)
+    print(f"maps: {built.conclusion}")
     if built.coarseness is not None:
         tell(built.coarseness)
     _print_rates(built)
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
-    return built.conclusion
 
 
 def _print_rates(built: "BuiltRoom") -> None:
@@ -153,6 +155,7 @@ def _add_inverse(group: Arguments) -> None:
 def _add_output(group: Arguments) -> None:
     group.add_argument("--no-refine", action="store_true", help="leave out the maps that only play --refine needs")
     group.add_argument("--report", type=Path, metavar="FOLDER", help="write a report with pictures and JSON here")
+    add_verbose(group, "clusters, damping, and sizes of the maps")
     add_cluster(group, "solve the windows of the inverse")
 
 

@@ -22,7 +22,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
-from counterlight.command import BAD_INPUT, DONE, Parser, run
+from counterlight.command import BAD_INPUT, DONE, Parser, command_line, conclusion, run
 from counterlight.tools.system_packages import PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
 
 PROBE_S = 60.0  # seconds; a software renderer's first context on a busy machine takes several
@@ -56,13 +56,18 @@ class Finding:
     fix: str = ""
 
 
+EXAMPLES = "counterlight doctor", "counterlight doctor --json"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Returns exit code 0 if the player can at least render without a screen, 2 if a requirement is missing."""
     return run(_main, argv)
 
 
 def _main(argv: Sequence[str] | None) -> int:
-    parser = Parser("doctor", description="Check what this machine has, what is missing, and how to install it.")
+    parser = Parser(
+        "doctor", description="Check what this machine has, what is missing, and how to install it.", examples=EXAMPLES
+    )
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
     options = parser.parse_args(argv)
     findings = examine()
@@ -95,7 +100,11 @@ def as_text(findings: Sequence[Finding], ready: bool) -> str:
         lines.append(f"{finding.state:8}{finding.subject}: {finding.found}")
         if finding.fix:
             lines.append(f"{'':8}fix: {finding.fix}")
-    lines.append("ready: the player can run here" if ready else "not ready: something required is missing, see above")
+    if ready:
+        lines.append(conclusion("ready: the player can run here", command_line("example")))
+    else:
+        action = f"run the commands after fix:, then {command_line('doctor')}"
+        lines.append(conclusion("not ready: something required is missing", action))
     return "\n".join(lines)
 
 
@@ -208,7 +217,7 @@ def probe(what: str) -> dict[str, Any]:
     except ValueError:
         return {"error": (child.stderr.strip().splitlines() or ["no answer"])[-1]}
     if "error" in answer:
-        return {"error": answer["error"].partition(";")[0]}  # without the fix, which the report adds itself
+        return {"error": answer["error"].partition(";")[0]}  # the report adds its own fix
     return answer
 
 

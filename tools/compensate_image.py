@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, add_verbose, command_line, conclusion, run
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options, aims_of
@@ -24,7 +24,7 @@ EXAMPLES = (
     "counterlight compensate room picture.png -o projector.png",
     "counterlight compensate room picture.png --solver all",
 )
-COMMON = "--solver", "--output", "--white"
+COMMON = "--solver", "--output", "--white", "--verbose"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -42,8 +42,12 @@ def _main(argv: Sequence[str] | None) -> None:
     aims, solvers = aims_of(options), tuple(dict.fromkeys(names))
     priors = options.priors or aims != DEFAULT_AIMS
     wanted = CompensateOptions(solvers, options.max_cluster, options.white, options.colour, aims, priors)
-    for line in compensate(options.calibration, options.picture, options.output, wanted):
+    for line in compensate(options.calibration, options.picture, options.output, wanted, verbose=options.verbose):
         print(line, flush=True)
+    again = "compensate", options.calibration, options.picture, "-o", "FILE"
+    shown = "verify", options.calibration, options.picture, "--camera", "CAMERA"
+    action = command_line(*(again if options.output is None else shown))
+    print(conclusion(f"{options.picture}: compensated by {', '.join(solvers)}", action))
 
 
 def _parser() -> Parser:
@@ -76,6 +80,7 @@ def _parser() -> Parser:
         metavar="N",
         help="for qr, svd and nnls: cut T into clusters of at most N pixels (default: do not cut)",
     )
+    add_verbose(parser, "steps, gaps and clusters of every solver")
     add_colour(parser)
     objective = parser.add_argument_group("objective of box")
     objective.add_argument(

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import BAD_INPUT, DONE, Parser, run, tell
+from counterlight.command import BAD_INPUT, DONE, Parser, command_line, conclusion, run, tell
 from counterlight.errors import InputError
 from counterlight.files.reading import read_bytes
 from counterlight.show.schedule_file import read_schedule
@@ -14,6 +14,11 @@ from counterlight.unattended.pjlink import PORT, Projector, status_of, switch
 
 MOST_PASSWORD = 1024
 FIX = "write the password alone into it"
+
+EXAMPLES = (
+    "counterlight projector status 192.168.1.20",
+    "counterlight projector on 192.168.1.20 --password-file password.txt",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,6 +31,9 @@ def _main(argv: Sequence[str] | None) -> int:
     if not projectors:
         raise InputError("counterlight projector: names no projector; add a HOST, or --schedule FILE")
     done = [_obeys(options.action, projector) for projector in projectors]  # continue after a projector that fails
+    result = f"{sum(done)} of {len(done)} projectors {'answered' if options.action == 'status' else 'obeyed'}"
+    show = command_line("play", "ROOM", "MEDIA", "--fullscreen")
+    print(conclusion(result, show if options.action == "on" else command_line("projector", "on", "HOST")))
     return DONE if all(done) else BAD_INPUT
 
 
@@ -54,7 +62,7 @@ def _password(path: Path) -> str:
 
 
 def _parser() -> Parser:
-    parser = Parser("projector", description=__doc__)
+    parser = Parser("projector", description=__doc__, examples=EXAMPLES)
     parser.add_argument("action", choices=("status", "on", "off"), help="print the state, switch on, or switch off")
     parser.add_argument(
         "projectors",

@@ -5,12 +5,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, conclusion, run
 from counterlight.errors import InputError
 
 MEANING = """Other programs warp a picture and scale its pixels. Of T, only the diagonal remains: a place, a factor and
 an offset per projector pixel. The command prints how many dB a typical picture loses. docs/exports.md has a recipe per
 program."""
+
+EXAMPLES = (
+    "counterlight export room --mpcdi room.mpcdi",
+    "counterlight export room --warp warp.exr --cube colour.cube",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -25,10 +30,13 @@ def _main(argv: Sequence[str] | None) -> None:
     if not any(outputs.values()):
         raise InputError(f"counterlight export: nothing to write; name a file with {', '.join(outputs)}")
     print(export(options.calibration, options.mpcdi, options.warp, options.cube))
+    written = " and ".join(str(path) for path in outputs.values() if path is not None)
+    action = "load the result by your program's recipe in docs/exports.md"
+    print(conclusion(f"{written}: written for other programs", action))
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("export", description=f"{__doc__}\n\n{MEANING}")
+    parser = Parser("export", description=f"{__doc__}\n\n{MEANING}", examples=EXAMPLES)
     parser.add_argument("calibration", type=Path, help="calibration folder")
     parser.add_argument(
         "--mpcdi",

@@ -4,8 +4,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, command_line, conclusion, run
 from counterlight.writing.outputs import check_file
+
+EXAMPLES = (
+    "counterlight fit-response levels.csv -o response.toml",
+    "counterlight fit-response ramp --camera-response srgb -o response.toml",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,10 +29,12 @@ def _main(argv: Sequence[str] | None) -> None:
     fitted = fit_projector_response(levels, light)
     write_response(options.output, fitted.response, {"black_level": list(fitted.black_level)})
     print(f"{options.output}: {len(levels)} readings, {fitted}")
+    action = command_line("acquire", "--camera", "CAMERA", "--response", options.output, "-o", "ROOM")
+    print(conclusion(f"{options.output}: the projector's response", action))
 
 
 def _parser() -> Parser:
-    parser = Parser("fit-response", description=__doc__)
+    parser = Parser("fit-response", description=__doc__, examples=EXAMPLES)
     parser.add_argument(
         "source",
         type=Path,

@@ -5,10 +5,15 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, next_command, parse_size, run
+from counterlight.command import Parser, command_line, conclusion, parse_size, run
 from counterlight.response import named_response
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, given_or_assumed
 from counterlight.tools.choices import GRAYCODE_ORDERS
+
+EXAMPLES = (
+    "counterlight import-graycode captures --projector 1024x768 -o room",
+    "counterlight import-graycode captures --projector 1024x768 --step 2 -o room",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,11 +41,11 @@ def _main(argv: Sequence[str] | None) -> None:
     print(f"{options.output}: {summary}, {time.monotonic() - start:.1f} s")
     if options.response is None:
         print(ASSUMED_LINE)
-    print(next_command("build", options.output))
+    print(conclusion(f"{options.output}: imported", command_line("build", options.output)))
 
 
 def _parser() -> Parser:
-    parser = Parser("import-graycode", description=__doc__)
+    parser = Parser("import-graycode", description=__doc__, examples=EXAMPLES)
     parser.add_argument("captures", type=Path, help="folder of the captures, PNG or JPEG")
     parser.add_argument(
         "--projector", type=parse_size, required=True, metavar="WxH", help="state the projector's size in pixels"

@@ -5,8 +5,13 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, next_command, parse_size, run
+from counterlight.command import Parser, command_line, conclusion, parse_size, run
 from counterlight.response import named_response
+
+EXAMPLES = (
+    "counterlight import-pairs pictures photographs -o room",
+    "counterlight import-pairs pictures photographs --quality fit.png -o room",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,11 +33,13 @@ def _main(argv: Sequence[str] | None) -> None:
     summary = import_pairs_room(
         options.pictures, options.photographs, options.output, pairs_options, name=options.name, force=options.force
     )
-    print(f"{options.output}: {summary}\n{time.monotonic() - start:.1f} s\n{next_command('build', options.output)}")
+    print(f"{options.output}: {summary}")
+    result = f"{options.output}: imported in {time.monotonic() - start:.1f} s"
+    print(conclusion(result, command_line("build", options.output)))
 
 
 def _parser() -> Parser:
-    parser = Parser("import-pairs", description=__doc__)
+    parser = Parser("import-pairs", description=__doc__, examples=EXAMPLES)
     parser.add_argument("pictures", type=Path, help="folder of the pictures that the projector showed, of its size")
     parser.add_argument("photographs", type=Path, help="folder of their photographs: PNG, JPEG or camera RAW")
     parser.add_argument(

@@ -4,10 +4,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, next_command, parse_size, run
+from counterlight.command import Parser, command_line, conclusion, parse_size, run
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, add_tolerance, given_or_assumed
 
 READ = "--camera and --projector are WIDTHxHEIGHT, and pixels are numbered row by row; import T again if that is wrong"
+
+MATRICES = (
+    "counterlight import-transport --red r.npz --green g.npz --blue b.npz \\\n      --camera 64x48 --projector 48x36"
+)
+EXAMPLES = f"{MATRICES} -o room", f"{MATRICES} --ambient black.exr --force -o room"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,11 +41,11 @@ def _main(argv: Sequence[str] | None) -> None:
         print(f"warning: {described}; {READ}", file=sys.stderr)
     if options.response is None:
         print(ASSUMED_LINE)
-    print(next_command("build", options.output))
+    print(conclusion(f"{options.output}: imported", command_line("build", options.output)))
 
 
 def _parser() -> Parser:
-    parser = Parser("import-transport", description=__doc__)
+    parser = Parser("import-transport", description=__doc__, examples=EXAMPLES)
     for channel in ("red", "green", "blue"):
         parser.add_argument(
             f"--{channel}",

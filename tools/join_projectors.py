@@ -11,11 +11,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, next_command, run
+from counterlight.command import Parser, command_line, conclusion, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import SCREENS
 from counterlight.viewpoints import FARTHEST, Places
+
+EXAMPLES = (
+    "counterlight join left right -o both",
+    "counterlight join left right --at 0 --at 1 -o views",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,7 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    print(f"{_joined(options)}\n{next_command('build', options.output)}")
+    print(_joined(options))
+    print(conclusion(f"{options.output}: joined", command_line("build", options.output)))
 
 
 def _joined(options: argparse.Namespace) -> str:
@@ -64,7 +70,7 @@ def _place(text: str) -> tuple[float, float]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("join", description=__doc__)
+    parser = Parser("join", description=__doc__, examples=EXAMPLES)
     parser.add_argument("rooms", type=Path, nargs="+", metavar="ROOM", help="calibration folders, from left to right")
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FOLDER", help="write the joint calibration here"

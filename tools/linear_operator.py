@@ -19,7 +19,7 @@ from counterlight.memory import check
 from counterlight.tools import arguments
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, channel, channels, in_one
 
-BYTES_PER_ENTRY = 150  # of three channels while they are written out: rows, their union, the copies, the result
+BYTES_PER_ENTRY = 150  # three channels while they are written out: rows, their union, the copies, the result
 
 
 class _PictureOperator(LinearOperator):

@@ -6,8 +6,13 @@ from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, command_line, conclusion, run
 from counterlight.tools.choices import MERGES, WEIGHTINGS
+
+EXAMPLES = (
+    "counterlight merge-exposures a.jpg b.jpg c.jpg -o radiance.exr",
+    "counterlight merge-exposures a.png b.png --times 1/30 1/8 -o radiance.exr",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,10 +33,12 @@ def _main(argv: Sequence[str] | None) -> None:
         save_response=options.save_response,
     )
     print(f"{options.output}: {summary}")
+    action = command_line("compensate", "ROOM", options.output, "-o", "FILE")
+    print(conclusion(f"{options.output}: merged from {len(options.pictures)} pictures", action))
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("merge-exposures", description=__doc__)
+    parser = Parser("merge-exposures", description=__doc__, examples=EXAMPLES)
     parser.add_argument("pictures", type=Path, nargs="+", help="photographs by a fixed camera: PNG, JPEG or camera RAW")
     parser.add_argument(
         "--times",

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, command_line, conclusion, run
 from counterlight.tools.choices import RELIT_VIEWS
 from counterlight.tools.colour.option import add_colour
 
@@ -17,6 +17,18 @@ MEANING = """views:
   inverse-dual    T⁺ c', the projector picture that makes the camera see c'
 
 The inverse views need a correction map."""
+
+SHOWN = {
+    "camera": "the room as the camera sees it",
+    "dual": "the room from the projector's place, lit by the camera",
+    "inverse-camera": "how much each camera pixel asks of the projector",
+    "inverse-dual": "the projector picture for this camera picture",
+}
+
+EXAMPLES = (
+    "counterlight relight room picture.png -o seen.png",
+    "counterlight relight room picture.png --view inverse-dual -o drive.png",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -31,10 +43,22 @@ def _main(argv: Sequence[str] | None) -> None:
     check_order(options.calibration, [options.picture])
     wanted = RelightOptions(options.view, options.ambient, options.white, options.colour)
     print(relight(options.calibration, options.picture, options.output, wanted))
+    print(conclusion(f"{options.output}: {SHOWN[options.view]}", _next(options)))
+
+
+def _next(options: argparse.Namespace) -> str:
+    room, output = options.calibration, options.output
+    match options.view:
+        case "camera":
+            return command_line("compensate", room, options.picture or "PICTURE", "-o", "FILE")
+        case "inverse-dual":
+            return command_line("relight", room, output, "-o", "FILE")
+        case _:
+            return command_line("play", room, "MEDIA")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("relight", description=f"{__doc__}\n\n{MEANING}")
+    parser = Parser("relight", description=f"{__doc__}\n\n{MEANING}", examples=EXAMPLES)
     parser.add_argument("calibration", type=Path, help="calibration folder")
     parser.add_argument(
         "picture",

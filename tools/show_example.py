@@ -9,7 +9,7 @@ from statistics import median
 import numpy as np
 
 from counterlight import app, calibration
-from counterlight.command import Parser, run
+from counterlight.command import Parser, command_line, conclusion, run
 from counterlight.errors import InputError
 from counterlight.files.picture_files import write_png
 from counterlight.gl.probe import probe_opengl
@@ -26,6 +26,11 @@ from counterlight.writing.replacing import replacing_file
 SHOWN_AT_S = 2.0
 FILM_FRAMES = 48  # frames rendered without a screen; llvmpipe takes a third of a second per frame
 TIMED_FRAMES = 12
+
+EXAMPLES = (
+    "counterlight example",
+    "counterlight example --scene wall --folder wall-example",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -45,6 +50,8 @@ def _main(argv: Sequence[str] | None) -> None:
     play(folder, options.folder)
     shaders, compiled = (frame_ms(room, backend) for backend in ("gl", "cpu"))
     print(f"a frame of the film: {shaders:.1f} ms by the shaders ({drawn_by}), {compiled:.1f} ms by compiled passes")
+    action = command_line("acquire", "--camera", "CAMERA", "-o", "ROOM")
+    print(conclusion(f"{options.folder}: {before:.1f} dB before compensation, {after:.1f} dB after", action))
 
 
 def prepare(scene: Path, folder: Path) -> None:
@@ -119,7 +126,7 @@ def _or_stop(code: int) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("example", description=__doc__)
+    parser = Parser("example", description=__doc__, examples=EXAMPLES)
     parser.add_argument(
         "--scene",
         type=parse_scene,

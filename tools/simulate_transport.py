@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, next_command, parse_decibels, parse_size, run
+from counterlight.command import Arguments, Parser, command_line, conclusion, parse_decibels, parse_size, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import BLUR_TOLERANCE
@@ -34,13 +34,16 @@ def _main(argv: Sequence[str] | None) -> None:
         raise InputError("counterlight simulate: nothing to do; give -o FOLDER, --explain or both")
     if options.output is None:
         _simulate(options)
+        action = command_line("simulate", options.scene, "-o", "ROOM")
+        print(conclusion(f"{options.scene.stem}: explained, and nothing was written", action))
         return
     from counterlight import calibration
     from counterlight.tools.simulation.room import fill_simulated_room
 
     with calibration.replacing(options.output, force=options.force, inputs=[options.scene]) as stage:
         words = fill_simulated_room(*_simulate(options), stage)
-    print(f"{options.output}: {words}\n{next_command('build', options.output)}")
+    print(f"{options.output}: {words}")
+    print(conclusion(f"{options.output}: simulated", command_line("build", options.output)))
 
 
 def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, at_least_0, parse_size, run
+from counterlight.command import Parser, at_least_0, command_line, conclusion, parse_size, run
 from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
 from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
@@ -34,6 +34,8 @@ def _main(argv: Sequence[str] | None) -> None:
     with workers_of(options.cluster, files_of(places, options.pictures), None) as workers:
         for line in run_study(study, options.output, workers):
             print(line, flush=True)
+    action = command_line("build", options.rooms[0]) if options.rooms else command_line("study", "ROOM")
+    print(conclusion(f"{options.output}: studied {', '.join(place.stem for place in places)}", action))
 
 
 def _seconds(text: str) -> float:

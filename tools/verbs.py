@@ -16,6 +16,10 @@ from counterlight.command import DONE, SCRIPTS, Parser, run
 from counterlight.errors import InputError, nearest
 
 SHELLS = ("bash", "zsh", "fish")
+COMPLETIONS = (
+    'eval "$(counterlight completion bash)"',
+    "counterlight completion fish > ~/.config/fish/completions/counterlight.fish",
+)
 
 
 class Verb(NamedTuple):
@@ -85,7 +89,8 @@ def _main(argv: Sequence[str] | None) -> int:
 
 def _completion(words: Sequence[str]) -> str:
     """Returns the text that a shell evaluates at startup: `eval "$(counterlight completion bash)"`."""
-    parser = Parser("completion", description="Print the shell code that completes verbs, options and files.")
+    purpose = "Print the shell code that completes verbs, options and files."
+    parser = Parser("completion", description=purpose, examples=COMPLETIONS)
     parser.add_argument("shell", choices=SHELLS, help="shell that runs the code")
     shell = parser.parse_args(words).shell
     from argcomplete.shell_integration import shellcode

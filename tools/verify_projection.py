@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, run, tell
+from counterlight.command import Arguments, Parser, command_line, conclusion, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
@@ -158,7 +158,8 @@ def _once(
 
     checked, kept = check_room(photographer, stored.calibration, transport), read_drift(stored)
     if checked.lost:
-        print(f"{checked.said}; what is calibrated no longer holds: acquire again", flush=True)
+        lost = f"{checked.said}; what is calibrated no longer holds: acquire again"
+        print(conclusion(lost, _acquire_again(options)), flush=True)
         return LOST
     drift = (kept or nothing(stored.calibration)) if options.no_correct else checked.drift
     if not options.no_correct:
@@ -171,7 +172,12 @@ def _once(
                     raise
                 tell(f"{error}")  # a player that starts later reads the stored correction
     outcome = ("not corrected" if options.no_correct else "corrected") if checked.drift.changes else ""
-    print(f"{checked.said}: {outcome}" if outcome else checked.said, flush=True)
+    result = f"{checked.said}: {outcome}" if outcome else checked.said
+    if wanted is None and options.watch is None:
+        uncorrected = checked.drift.changes and options.no_correct
+        verb, rest = ("verify", _cameras(options)) if uncorrected else ("play", ["MEDIA"])
+        result = conclusion(result, command_line(verb, options.calibration, *rest))
+    print(result, flush=True)
     if wanted is not None:
         from counterlight.tools.acquisition.verify import Verification
 
@@ -190,10 +196,19 @@ def _show(options: argparse.Namespace, task: "Verification", stage: Path | None)
         print(result, flush=True)
         found.append(result)
     best = max(found, key=lambda each: each.measured_psnr)
-    print(best.verdict)
     if stage is not None:
         _write(stage, task, best)
         print(f"{options.output}: round {best.round}, written")
+    play = command_line("play", options.calibration, options.picture)
+    print(conclusion(best.verdict, play if best.as_predicted else _acquire_again(options)))
+
+
+def _acquire_again(options: argparse.Namespace) -> str:
+    return command_line("acquire", *_cameras(options), "-o", options.calibration, "--force")
+
+
+def _cameras(options: argparse.Namespace) -> list[str]:
+    return [word for camera in options.camera for word in ("--camera", camera)]
 
 
 def _refuse_existing(folder: Path) -> None:

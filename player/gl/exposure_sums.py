@@ -11,7 +11,7 @@ from counterlight.errors import InputError
 from counterlight.gl.passes import ScreenPass, ShaderPass, float_texture
 
 BATCH = 16  # largest number of exposures per pass: one pass over the sums serves all of them
-BATCH_BYTES = 1 << 28  # of code values that wait for a pass
+BATCH_BYTES = 1 << 28  # bytes of code values that wait for a pass
 TEXELS = 4095  # per row: whole pixels of three channels, four samples per texel; every OpenGL 3.3 has rows of 4096
 SAMPLES = 4 * TEXELS
 PAGE = 256  # code values per row of the table

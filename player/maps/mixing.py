@@ -8,8 +8,8 @@ columns of P, scaled to unit length. With w the columns' lengths, y = w ∘ t is
     seen = B y + Q e,        target: b = A (picture − Q e),  A = B⁻¹.
 
 As each column of B has length 1, the squared error of y equals the error of the picture seen, except for what two
-primaries share. Three tiers: independent, M₀ = B = I, each channel by itself; global, one M₀ for the room, B = I;
-pixel, both.
+primaries share. There are three tiers. In `independent`, M₀ = B = I, so that each channel stands by itself. In
+`global`, the room has one M₀, and B = I. In `pixel`, each camera pixel also has its B.
 """
 
 from dataclasses import dataclass
@@ -198,7 +198,7 @@ def write(mixing: Mixing, stage: Path) -> None:
 
 
 def read(manifest: Table, files: DescribedFiles, camera: tuple[int, int]) -> Mixing:
-    """Read what `to_toml` and `write` wrote; raises InputError for a mixing that cannot be inverted."""
+    """Read the files of `to_toml` and `write`; raises InputError for a mixing that cannot be inverted."""
     if "colour" not in manifest:
         return Mixing()
     table = manifest.table("colour")

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 R = TypeVar("R")
 MapChain: TypeAlias = Chain[RowMap, RowMap | None]
-Shapes: TypeAlias = tuple[tuple[int, int], tuple[int, int]]  # of output and source
+Shapes: TypeAlias = tuple[tuple[int, int], tuple[int, int]]  # (height, width) of output and source
 
 FORMAT = 2  # format 1 had no weights and no prior
 UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"

@@ -329,7 +329,7 @@ def write(packed: RowMap, folder: Path) -> dict[str, Any]:
 
 
 def read(folder: Path, sizes: Table, opened: OpenFile | None = None) -> RowMap:
-    """Read what `write` wrote, and check it against the manifest's `sizes` and for consistency.
+    """Read the files of `write`, and check them against the manifest's `sizes` and for consistency.
 
     opened : function that opens a file, for example with a checksum test.
 

@@ -104,7 +104,7 @@ def write(made: WordMap, folder: Path) -> dict[str, Any]:
 
 
 def read(folder: Path, sizes: Table, shapes: tuple[tuple[int, int], tuple[int, int]], opened: OpenFile) -> WordMap:
-    """Read what `write` wrote; raises InputError for words that would let a shader read a wrong or missing texel.
+    """Read the files of `write`; raises InputError for words that would let a shader read a wrong or missing texel.
 
     shapes : (height, width) of the output and of the source of the map that it replaces.
     """

@@ -12,7 +12,7 @@ from counterlight.passes.kernel import PICTURE, Whole, kernel, prange
 PERCENT = 0.01
 SUMS_SHADER, CHOICE_SHADER = "clip_sums.frag", "choose.frag"
 SCALES = np.linspace(1, 0.25, 16)  # candidates of s / (1 − o), the preferred first
-OFFSETS = 0.25 * np.linspace(0, 1, 16) ** 2  # of o, in shares of white
+OFFSETS = 0.25 * np.linspace(0, 1, 16) ** 2  # candidates of o, in shares of white
 TILES, SAMPLES = 16, 16  # the camera's view is summed in 16 × 16 tiles of at most 16 × 16 samples
 FloatArray = NDArray[np.floating]
 

@@ -9,7 +9,7 @@ from counterlight.media.frames import PixelFormat
 
 # Kr, Kb of ITU-R BT.601, BT.709 and BT.2020 (non-constant luminance).
 LUMA_WEIGHTS = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear RGB, ITU-R BT.709
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # weights of linear RGB, ITU-R BT.709
 LUMINANCE_2020 = (0.2627, 0.6780, 0.0593)
 # CIE xy of red, green and blue: ITU-R BT.709 and BT.2020, SMPTE EG 432-1. White is D65 in all three.
 PRIMARIES = {

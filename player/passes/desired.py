@@ -78,7 +78,7 @@ def _dot(first: Any, second: Any) -> Any:
 
 @inlined
 def _more(light: Any, moved: Any, own: Any, most: Any) -> Any:
-    """Return how far a limit moves its primary beyond the move so far, divided by N's diagonal (maps/mixing.py)."""
+    """Return the further move of a primary that its limit demands, divided by N's diagonal (maps/mixing.py)."""
     alone = light - own * moved
     return (within(alone, np.float32(0), most) - alone) / own - moved
 

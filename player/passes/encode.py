@@ -86,7 +86,7 @@ def encode(
     of_column : (rows of projectors, width). Index of the projector that each column belongs to.
     colours : (projectors, 3, 3). Used if `mixes` is true.
     segments : (projectors, 2, 3, samples), or empty.
-    thresholds : of ORDERED dither, repeated.
+    thresholds : thresholds of ORDERED dither, repeated.
     highest : code of white, 255 or 65535.
     """
     for y in prange(out.shape[0]):

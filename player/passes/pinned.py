@@ -56,7 +56,7 @@ def pinned(
 ) -> Array:
     """Return a picture (height, width, 3) placed by H in a target (height, width), as the player places it.
 
-    across, down : of `OnScreen`; empty without a screen.
+    across, down : fields of `OnScreen`; empty without a screen.
     """
     placed = np.zeros((*target, CHANNELS), np.float32)
     source, axes = (

@@ -223,7 +223,7 @@ class Total(Protocol[Taken]):
 
 
 class Device(Protocol[Picture]):
-    """Makes pictures and draws passes. The caller releases what a method made; shapes are (height, width)."""
+    """Makes pictures and draws passes. The caller releases the results of a method; shapes are (height, width)."""
 
     def picture(self, picture: NDArray[np.floating]) -> Picture:
         """Return a device picture of an array (height, width, 3)."""
@@ -257,4 +257,4 @@ class Device(Protocol[Picture]):
     def finish(self) -> None: ...
 
     def release(self) -> None:
-        """Release what the device keeps for later draws."""
+        """Release the resources that the device keeps for later draws."""

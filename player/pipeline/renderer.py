@@ -102,7 +102,7 @@ class Renderer(Generic[Picture]):
         self._blend.start_from(start, bare)
 
     def prepare(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
-        """Build what `open` will need, while the previous medium still plays; raises InputError as `open` does."""
+        """Build the resources of `open` while the previous medium still plays; raises InputError as `open` does."""
         here = None if crossfade else self._medium
         if any(made is not None and made.pixels == pixels for made in (here, self._prepared)):
             return

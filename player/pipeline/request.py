@@ -124,7 +124,7 @@ class Request(Generic[Picture]):
 
     @property
     def _white(self) -> float:
-        """Light of a placed picture's 1. With a tone, pictures count in shares of white instead."""
+        """Camera radiance of the value 1 in a placed picture. Pictures with a tone are shares of white."""
         return self._level * (1.0 if self._placed.radiance else self._room_white)
 
     @property

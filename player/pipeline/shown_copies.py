@@ -22,7 +22,7 @@ class ShownCopies(Generic[Picture]):
 
     `take` only queues the draws. `grid` and `picture` read the results, and wait for them.
 
-    regions : of the projectors in the raster.
+    regions : the projectors' regions in the raster.
     factor : pixels of the raster per pixel of the copy.
     grid : (rows, columns).
     """

@@ -24,7 +24,7 @@ Picture = NDArray[np.float32]
 FIRST_LOOK, MOST_STEPS = 16, 2048
 SETTLED = 0.03  # if twice the steps gain less than this share of the total, a square counts as solved
 TO_THE_END = -1
-FAINTEST = 1e-12  # of the largest curvature; smaller values count as unlit
+FAINTEST = 1e-12  # share of the largest curvature; smaller values count as unlit
 
 
 class Square(NamedTuple):

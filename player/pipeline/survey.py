@@ -38,14 +38,14 @@ Part = tuple[slice, slice]
 SIDE, HALO = 32, 8  # side of a square and width of its halo, projector pixels
 MOST_ENTRIES = 4_000_000  # entries of TᵀW that an estimate reads: a few seconds of one core
 FEWEST = 12  # least number of squares
-FAINTEST = 1e-6  # of white²: an error 60 dB below white counts as none
+FAINTEST = 1e-6  # share of white²; an error 60 dB below white counts as none
 
 
 @dataclass(frozen=True)
 class _Change:
     """The change of a square, (height, width, 3).
 
-    square : of the unweighted error.
+    square : sum of the unweighted squared error.
     outer : the square with its halo, in the projector picture.
     inner : the square within `outer`.
     weight : number of squares that it represents.

@@ -17,7 +17,7 @@ from counterlight.response import Response
 VIEWS = ("projector", "camera", "split", "error", "impossible")
 ERROR_SPAN = 0.2
 CLIP_FAINT, CLIP_SPAN = 0.02, 0.25
-MID_GREY = 0.5  # of white, linear
+MID_GREY = 0.5  # share of white, linear
 SLACK = 1e-6  # relative: T is float32
 
 # 8-bit sRGB.

@@ -11,7 +11,7 @@ from counterlight.errors import InputError
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.viewpoints import JOIN
 
-FAINTEST = 1e-5  # of a step's curvature; a smaller value is float32 rounding
+FAINTEST = 1e-5  # share of a step's curvature; a smaller value is float32 rounding
 
 
 def check_views(views: Sequence[Calibration], where: str) -> None:

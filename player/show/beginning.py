@@ -1,4 +1,4 @@
-"""Values with which a session begins, grouped by what they concern."""
+"""Values with which a session begins, grouped by subject."""
 
 from dataclasses import dataclass
 

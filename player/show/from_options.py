@@ -74,7 +74,7 @@ def _uncompensated(options: argparse.Namespace) -> bool:
 
 
 def backend_of(options: argparse.Namespace) -> str:
-    """Return the backend, which is OpenGL if an option asks for its shaders."""
+    """Return the backend: OpenGL if an option asks for shaders of OpenGL, otherwise as --backend says."""
     chosen: str = options.backend
     return "gl" if chosen == "auto" and (options.shader or options.entries) else chosen
 

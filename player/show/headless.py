@@ -41,7 +41,7 @@ def headless_renderer(backend: str, room: Room, path: GpuPath = EVERYWHERE) -> I
     choice is printed. It follows a rule and not a measurement, so that results repeat.
 
     backend : "gl", OpenGL through EGL; "cpu", compiled for the processor; or "auto".
-    path : for OpenGL.
+    path : choice of OpenGL's path.
     """
     if backend not in BACKENDS:
         raise InputError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")

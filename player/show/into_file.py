@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from counterlight.command import tell
+from counterlight.command import command_line, conclusion, tell
 from counterlight.errors import InputError
 from counterlight.jobs.workers import Processes, Workers
 from counterlight.media.frames import MediaInfo
@@ -49,8 +49,15 @@ def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustmen
         stats.facts["drift"] = room.drifted
     quality = stats.facts.get("camera_psnr_db")
     frames = "1 frame" if stats.frames == 1 else f"{stats.frames} frames"
-    print(f"{options.output}: {frames}" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
+    result = f"{options.output}: {frames}" + (f", camera PSNR {quality:.1f} dB" if quality else "")
+    print(conclusion(result, _next(options)))
     return stats
+
+
+def _next(options: argparse.Namespace) -> str:
+    if options.view == "projector":
+        return "show it on the projector with any player, full screen and unscaled"
+    return command_line("play", options.calibration, *(medium.name for medium in options.media))
 
 
 def _check(options: argparse.Namespace) -> None:

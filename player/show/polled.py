@@ -86,7 +86,7 @@ def lamps_of(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:
         return None
     try:
         lamps = Lamps(read_schedule(options.schedule).projectors)
-    except InputError:  # damaged since the supervisor started, which has reported it
+    except InputError:  # damaged since the start; the supervisor has reported the damage
         return None
     stack.callback(lamps.close)
     return lamps

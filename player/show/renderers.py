@@ -26,7 +26,7 @@ class Renderers:
         return filter(None, (self.current, self._incoming))
 
     def prepare(self, pixels: PixelFormat, *, crossfade: bool) -> None:
-        """Build what `open` will need, while the previous medium still plays."""
+        """Build the resources of `open` while the previous medium still plays."""
         with suppress(InputError):  # `open` raises it again
             self.current.prepare(pixels, crossfade=crossfade)
 

@@ -39,7 +39,7 @@ class Rendering:
     start_s : time in the medium where rendering begins.
     frames : most frames; None for all.
     backend : "gl" or "cpu".
-    path : for OpenGL.
+    path : choice of OpenGL's path.
     """
 
     calibration: Path

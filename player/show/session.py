@@ -1,8 +1,8 @@
 """A frame's way from the film to the screen: the frame that is due is uploaded, rendered, presented and counted.
 
-`Session.step` begins the way, and its methods follow in the order of their calls. Changes of the medium and what keys
-and remotes control come last. playback.py decides which frame is due, programme.py which medium is next. This module
-knows no OpenGL; the display and the clock are arguments.
+`Session.step` begins the way, and its methods follow in the order of their calls. Changes of the medium come last, with
+the properties that keys and remotes control. playback.py decides which frame is due, programme.py which medium is next.
+This module knows no OpenGL; the display and the clock are arguments.
 """
 
 import time
@@ -102,7 +102,7 @@ class Session:
         self.image_display_duration, self.keep_open = playing.image_display_duration, playing.keep_open
         self.fade, self.crossfade_s = Fade(playing.fade_s, clock), playing.crossfade_s
         self._leaving: Leaving | None = None
-        self._faded = 1.0, 0.0  # of the last rendered picture: share of the light, and share of the leaving medium
+        self._faded = 1.0, 0.0  # last rendered picture: share of the light, and share of the leaving medium
         self._quitting = False
         self._undrawn: str | None = None  # why the last frame could not be drawn
         self.on_present: Callable[[Page | None, bool], None] | None = None  # takes the page, and whether all is black

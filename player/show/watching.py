@@ -133,7 +133,7 @@ class Watching:
         self._watcher.begin(self._start)
 
     def _send_again(self) -> None:
-        """Send what a watcher that has just started does not know."""
+        """Send the situation, and all further frames, to a watcher that has just started."""
         self._watcher.send(self._situation)
         if self._shown is not None:
             self._shown.lit = self._shown.pictured = False

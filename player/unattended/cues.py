@@ -4,7 +4,7 @@ A follower asks, and the leader answers at once. Both use their own threads, so 
 An answer is as long as its question, and a question changes nothing. Everyone who can send a question learns the
 position of the show.
 
-A question leaves at a, and its answer, which holds the other clock's time b, arrives at c. If both directions take
+A question leaves at time a. Its answer arrives at time c, and holds the other clock's time b. If both directions take
 equally long, the other clock is ahead by b − (a + c) / 2. In any case this is right within ± (c − a) / 2 (Cristian
 1989). Delays come in bursts, so the quickest round trips are the most accurate. The estimate is the median of the
 quickest quarter of the last 32 round trips.

@@ -1,4 +1,4 @@
-"""JSON lines, one JSON value per line: for the control socket and the heartbeat; asks a player one command."""
+"""JSON lines (one JSON value per line) of the control socket and the heartbeat, and one question to a player."""
 
 import json
 import math

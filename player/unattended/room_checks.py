@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, NamedTuple
 
+from counterlight.command import NEXT
+
 LONGEST_S = 600.0  # limit for a camera that does not answer
 ENDING_S = 2.0  # shorter than the 3 s of silence after which a supervisor takes a player for dead
 
@@ -15,7 +17,7 @@ class Outcome(NamedTuple):
     """The result of a check.
 
     code : exit code.
-    said : last line of the output.
+    said : result in the last line of the output, without the next command.
     """
 
     code: int
@@ -69,7 +71,7 @@ class RoomChecks:
         if process.poll() is None and not overdue:
             return None
         said.seek(0)
-        last = last_line(said.read())
+        last = last_line(said.read()).partition(NEXT)[0]
         self.close()
         self._since = self._clock()
         return Outcome(process.returncode, f"it did not end in {LONGEST_S:.0f} s" if overdue else last)

@@ -340,7 +340,7 @@ class Supervisor:
         return True
 
     def _is_final(self, code: int) -> bool:
-        """Whether the exit code ends the show and is not a crash. Prints a line for a crash."""
+        """Whether the show ends with this exit code. Otherwise the player has crashed, and a line says so."""
         if self._again and self._signal is None:
             return False
         if code in (DONE, INTERRUPTED) or (code == BAD_INPUT and not self._began):
@@ -429,7 +429,7 @@ def with_options(arguments: Sequence[str], *options: str) -> list[str]:
 
 
 def _end_with_parent(parent: int) -> Callable[[], None]:
-    """Return what a child does between fork and exec, so that it does not outlive a killed supervisor."""
+    """Return a function for a child to run between fork and exec: the child then ends with a killed supervisor."""
 
     def ask() -> None:
         _prctl(_SET_PDEATHSIG, signal.SIGKILL)

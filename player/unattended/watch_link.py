@@ -126,7 +126,7 @@ class Answer:
         multiplied by the picture in `folder`/PAINT, (camera height, camera width, 3) float16, which is there from the
         first answer with an ambient on. Empty for no change.
     confidence : 0 to 1.
-    latency_s : from the display of a frame to the end of its exposure; 0 if unknown.
+    latency_s : time from the display of a frame to the end of its exposure; 0 if unknown.
     captures : captures compared with their prediction.
     rejected : captures that were discarded, by reason.
     """

@@ -34,7 +34,7 @@ class Watcher:
     command : command line of the process.
     notice : takes a line about a fault; further faults are silent until a watcher has run for STEADY_S.
     clock : seconds, monotonic.
-    environment : of the process; None for the player's own.
+    environment : environment variables of the process; None for the player's own.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Watcher:
             self._child.queue(packed(message))
 
     def poll(self) -> Answer | None:
-        """Write what the pipe accepts, and return the newest answer since the last call. Never waits."""
+        """Write as many messages as the pipe accepts, and return the newest answer since the last call. Never waits."""
         self._ended = [child for child in self._ended if not child.buried()]
         child, now_s = self._child, self._clock()
         if child is None:

@@ -17,7 +17,7 @@ from tests.screens import one_screen
 
 # frames per second, and a room that two cores can draw at that rate
 RATES = {25: "256x192", 50: "96x72", 60: "96x72"}
-SIZES = (192, 256), (180, 320)  # of media; they alternate, so that formats change
+SIZES = (192, 256), (180, 320)  # sizes of media; they alternate, so that formats change
 SECONDS, ROUNDS, BAD = 4, 2, 2  # seconds per medium; media of each size; files without a picture before each medium
 BUSY = "while True: pass"
 SCREEN = 1280, 1024
@@ -25,7 +25,7 @@ REFRESH_MS = 1000 / 60
 
 
 def change() -> Iterator[str]:
-    """Frames late at a change of media, 256x192 at 25 and 96x72 at 50 and 60 fps, bad media between, idle and busy."""
+    """Late frames at changes of media: 256x192 at 25 fps, 96x72 at 50 and 60 fps, with bad media, idle and busy."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         for size in dict.fromkeys(RATES.values()):

@@ -46,7 +46,7 @@ MB = 1e6
 class Contender:
     """One implementation of the product.
 
-    milliseconds : per frame.
+    milliseconds : milliseconds of a frame.
     megabytes : minimal data transfer, with each byte of map and pictures once.
     """
 

@@ -51,7 +51,7 @@ def merging(
 
 
 def opencv(method: str, codes: list[np.ndarray], times: np.ndarray, exposure: np.ndarray) -> Callable[[], np.ndarray]:
-    """Returns the same with OpenCV; it has no average, so its look-up table and its accumulation replace one."""
+    """Returns the same merge by OpenCV. OpenCV has no average: a look-up table and an accumulation replace it."""
     curve = np.maximum(exposure, exposure[1] / 2).astype(np.float32)  # the logarithm of 0 has a weight of 0
     if method == "average":
         return lambda: opencv_mean(codes, curve)

@@ -81,7 +81,7 @@ def _tables(text: str, beginning: str) -> Iterator[list[list[str]]]:
 def columns(beginning: str, named: Mapping[str, tuple[str, int]]) -> Reader:
     """Returns a reader of tables in columns, with two blanks between names and one between numbers.
 
-    beginning : of the header's line.
+    beginning : beginning of the header's line.
     named : name of a row -> its first word, and its index among rows with that word, from 1.
     """
 

@@ -73,7 +73,7 @@ def built(room: str) -> Figures:
     """Returns the row for one room in docs/costs.md's table of builds."""
     return Figures(
         "docs/costs.md",
-        (f"counterlight simulate {room} {CORNER} -o {room}", f"counterlight build {room}"),
+        (f"counterlight simulate {room} {CORNER} -o {room}", f"counterlight build {room} --verbose"),
         3,
         pattern(
             build=rf"\| `{room}` \|[^|]*\| ([\d.]+) s \|",
@@ -81,14 +81,16 @@ def built(room: str) -> Figures:
             maps=rf"\| `{room}` \|(?:[^|]*\|){{4}} (\d+) MiB \|",
         ),
         lambda text: _in_millions(
-            pattern(build=r"\n([\d.]+) s: ", entries=r"(\d+) entries, texture", maps=r"([\d.]+) MiB of maps;")(text)
+            pattern(build=r"built in ([\d.]+) s;", entries=r"(\d+) entries, texture", maps=r"([\d.]+) MiB of maps;")(
+                text
+            )
         ),
         times=lambda name: name == "build",
     )
 
 
 def built_by_default(room: str, size: str, minutes: float) -> Figures:
-    """Returns the row for one room in docs/size.md's table of builds, from the last line of a build."""
+    """Returns the row for one room in docs/size.md's table of builds, from the last lines of a build."""
     row, decibels = rf"\| `{room}` {size} \| ", r"([\d.]+)"
     return Figures(
         "docs/size.md",
@@ -103,12 +105,12 @@ def built_by_default(room: str, size: str, minutes: float) -> Figures:
             build=rf"{row}(?:[^|]*\|){{4}} {decibels} \|",
         ),
         pattern(
-            chosen=r"\n[\d.]+ s: ([^(\n]*) \(",
-            why=r"\n[\d.]+ s: [^(\n]*\(([^)]*)\)",
+            chosen=r"\nmaps: ([^(\n]*) \(",
+            why=r"\nmaps: [^(\n]*\(([^)]*)\)",
             maps=r" (\d+ MiB) of maps; in",
             start=rf"in simulation {decibels} dB below the optimum without a step",
             played=rf", {decibels} after the (\d+) that play makes from ([^;]*);",
-            build=rf"\n{decibels} s: ",
+            build=rf"built in {decibels} s;",
         ),
         # the wall's reason is a time in minutes
         times=lambda name: name == "build" or (name == "why" and room == "wall"),
@@ -248,7 +250,7 @@ def own_room() -> Figures:
 def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
     """Returns rows of docs/tables/schemes.md.
 
-    sizes : of camera and projector, as in the table.
+    sizes : sizes of camera and projector, as in the table.
     """
     camera, projector = sizes.split(", ")
     chosen = " ".join(f"--room {room}" for room in rooms)

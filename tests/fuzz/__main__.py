@@ -76,7 +76,7 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     add = parser.add_argument
     add("campaign", nargs="*", metavar="CAMPAIGN", help="which (default: all)")
-    add("--seed", type=int, default=1, metavar="N", help="of the random numbers (default 1)")
+    add("--seed", type=int, default=1, metavar="N", help="seed of the random numbers (default 1)")
     add("--count", type=int, metavar="N", help="trials of each campaign")
     add("--only", type=int, metavar="INDEX", help="that one trial, as a finding names it")
     add("--minutes", type=float, default=float("inf"), metavar="M", help="begin no trial of a campaign after that")

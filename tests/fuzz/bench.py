@@ -26,7 +26,7 @@ Unit: TypeAlias = Mapping[str, bytes | None]
 class Blow:
     """How a command is struck.
 
-    words : for a finding.
+    words : text of a finding.
     act : runs the command in a folder, and strikes.
     ends : exit codes that are allowed then.
     exchange : whether folders can be exchanged.
@@ -60,7 +60,7 @@ class Clean:
 def units_of(folder: Path, vague: frozenset[str]) -> dict[str, Unit]:
     """Return a folder's content by units that are replaced as a whole: a file, a folder, a correction map, a sequence.
 
-    Of `vague` outputs, only the names count.
+    Outputs named in `vague` are compared by their names only.
     """
     units: dict[str, dict[str, bytes | None]] = {}
     for name, content in contents(folder).items():
@@ -147,7 +147,7 @@ class Bench:
 
 
 def _struck(run: Run, blow: Blow, out: Path, before: Mapping[str, Unit], clean: Clean) -> tuple[str, str] | None:
-    """Return the fault right after the blow, or None."""
+    """Return the fault that shows right after the blow (a mutant, a signal, a full disk), or None."""
     if run.code == NO_END:
         return HUNG, run.words
     if run.code not in blow.ends or "Traceback" in run.words:

@@ -35,7 +35,7 @@ from tests.programs import PATIENCE_S, children, descendants, here, is_running, 
 from tests.remote import Client
 
 DARK, BRIGHT = LEVELS
-FRAMES = 15  # of each level
+FRAMES = 15  # frames per level
 
 
 @pytest.fixture(scope="module")

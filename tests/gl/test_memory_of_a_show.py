@@ -22,7 +22,7 @@ from tests.remote import show
 from tests.rooms import rgb_frame
 
 WARM_UP, ACTS = 6, 12
-SIZES = (360, 480), (480, 640)  # of media
+SIZES = (360, 480), (480, 640)  # sizes of media
 
 
 def grown(pid: int, act: Callable[[], None]) -> int:

@@ -78,7 +78,7 @@ def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels_and_comes_back_with_it(
     two_monitors: str, large_room: Path, picture: Path, tmp_path: Path
 ) -> None:
-    """The monitor is named by its name, then by its number. The second player's monitor goes and comes back."""
+    """The second player's monitor, chosen by number, is unplugged and comes back."""
     expected = expected_picture(large_room, picture, tmp_path)
     listed = command("play", "--list-monitors", **on(two_monitors))
     assert listed.returncode == 0

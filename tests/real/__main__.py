@@ -130,7 +130,9 @@ def _parser() -> argparse.ArgumentParser:
         "--test", type=_count, help="number of held-out pairs after the training pairs (default: an eighth)"
     )
     parser.add_argument("--size", type=parse_size, metavar="WxH", help="size of the captures (default: half)")
-    parser.add_argument("--additive", action="store_true", help="fit what a calibration can hold, without φ")
+    parser.add_argument(
+        "--additive", action="store_true", help="fit only the parts of the model that a calibration can hold (no φ)"
+    )
     parser.add_argument("--directions", nargs="+", choices=DIRECTIONS, default=DIRECTIONS)
     return parser
 

@@ -16,15 +16,17 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from tests.rig.animation import MOMENTS, animate
 from tests.rig.faults import DEFAULT, FAULTS, QUICK, Fault
 from tests.rig.films import FILMS
-from tests.rig.live import EVENTS, live, table
+from tests.rig.live import EVENTS, judged, live, table
 from tests.rig.rooms import ROOMS, Room
 from tests.rig.table import markdown, text_of_csv
 from tests.rig.trial import Verdict, trial
 from tests.rig.watching import WatchCamera
 
 QUICK_SCALE, LIVE_SCALE = 0.5, 2.0
+JUDGED_S = 5.0, 10.0, 20.0, 30.0
 
 
 def main() -> None:
@@ -68,11 +70,15 @@ def _live(options: argparse.Namespace) -> None:
             for film in options.film:
                 for event in options.event:
                     print(f"\n{room}, {film}: {EVENTS[event].says}", flush=True)
-                    times = {"warm_s": options.warm, "after_s": options.after}
+                    after_s = options.after or (MOMENTS if options.animation else JUDGED_S)
+                    times = {"warm_s": options.warm, "after_s": after_s}
                     camera = WatchCamera(period_s=1 / options.captures)
                     scale = options.scale or LIVE_SCALE
-                    moments = list(live(folder, room, film, event, scale=scale, camera=camera, **times))
-                    print(table(moments), flush=True)
+                    show = live(folder, room, film, event, scale=scale, camera=camera, **times)
+                    if options.animation:
+                        animate(show, options.animation)
+                    else:
+                        print(table(list(judged(show))), flush=True)
 
 
 def _sharing(faults: Sequence[Fault]) -> list[list[Fault]]:
@@ -93,10 +99,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
     parser.add_argument("--fault", nargs="+", choices=FAULTS, metavar="NAME", help=f"default {' '.join(DEFAULT)}")
     parser.add_argument("--quick", action="store_true", help=f"{' '.join(QUICK)}, at scale {QUICK_SCALE:g}")
-    parser.add_argument("--scale", type=float, help="of camera and projector, 160x120 and 96x72 at 1")
+    parser.add_argument("--scale", type=float, help="scale: 1 has a camera of 160x120, a projector of 96x72")
     parser.add_argument(
         "--steps", type=lambda text: [int(word) for word in text.split(",")], default=[0, 4, 16, 64], metavar="N,N…",
-        help="of refinement to try besides the default (0,4,16,64)",
+        help="try these steps of refinement besides the default (0,4,16,64)",
     )  # fmt: skip
     parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="for build (default: none)")
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="every picture's figures")
@@ -105,9 +111,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="for --live (default clip)")
     parser.add_argument("--warm", type=float, default=30.0, metavar="S", help="film before the event (30)")
     parser.add_argument(
-        "--after", type=lambda text: [float(word) for word in text.split(",")], default=[5, 10, 20, 30], metavar="S,S…",
-        help="moments after the event that are judged (5,10,20,30)",
+        "--after", type=lambda text: [float(word) for word in text.split(",")], metavar="S,S…",
+        help="moments after the event that are judged (5,10,20,30; --animation: five times two thirds of a second)",
     )  # fmt: skip
+    parser.add_argument(
+        "--animation", type=Path, metavar="FILE.webp", help="draw these moments instead of judging them"
+    )
     parser.add_argument("--captures", type=float, default=5.0, metavar="N", help="per second, for --live (5)")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="sheets of what the audience sees")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="the rooms, patterns and captures (default: removed)")

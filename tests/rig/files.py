@@ -18,7 +18,7 @@ class Stored:
 
     curve : one of CURVES, or a number as gamma.
     bits : 16, as the sensor gives them, or 8.
-    quality : of JPEG with halved colours (4:2:0); 0 for PNG.
+    quality : quality of JPEG with halved colours (4:2:0); 0 for PNG.
     smoothing : radius in pixels of a blur that reduces noise, before the curve.
     sharpening : share of the difference from a blur by a pixel that is added, after the curve.
     """

@@ -25,7 +25,7 @@ class Figures:
     psnr : over all lit pixels of the calibrated view.
     inside : over lit pixels at least four pixels inside the lit area.
     everywhere : also beyond the view.
-    smooth : of the error, blurred by two pixels.
+    smooth : error blurred by two pixels.
     """
 
     psnr: float
@@ -39,7 +39,7 @@ class Figures:
 class Outside:
     """Light outside the picture, shares of white.
 
-    mean : of all outside light.
+    mean : mean of all outside light.
     flare : 99th percentile of the brightest channel of small blocks.
     """
 

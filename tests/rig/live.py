@@ -23,6 +23,7 @@ from Xlib.display import Display
 from tests.desktop import ON_THE_PROCESSOR
 from tests.remote import Client, show
 from tests.rig import product
+from tests.rig.asked import Question
 from tests.rig.faults import FAULTS
 from tests.rig.films import FILMS, RATE, Film
 from tests.rig.judge import Judge
@@ -35,9 +36,9 @@ from tests.rig.watching import Codes, Frame, WatchCamera, WatchedRoom, crossing,
 from tests.screens import one_screen
 
 LOOK_S = 0.008  # between two looks at the screen
-KEPT_S = 2.0  # of displayed frames
+KEPT_S = 2.0  # how long displayed frames are kept
 CAPTURES = 4  # files that stay in the folder
-STEPS = 2  # of refinement, in the show and in what it is compared with
+STEPS = 2  # steps of refinement, in the show and in its reference
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
 NEARBY = 4  # frames around the stated position that a displayed picture may show
 
@@ -145,7 +146,7 @@ class LiveCamera:
         self.room, self._camera, self._event, self._screen, self._folder = room, camera, event, screen, folder
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
-        self.began_s = float("inf")  # of the event, time.monotonic
+        self.began_s = float("inf")  # start of the event, time.monotonic
         self._thread.start()
 
     def close(self) -> None:
@@ -176,13 +177,29 @@ class LiveCamera:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class Seen:
     """A displayed picture to judge: its codes, the film's position, and the state of the watcher."""
 
     time_s: float
     codes: Codes
     position_s: float
     state: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Show:
+    """A show that has ended, in a room that has changed.
+
+    began_s : start of the event, time.monotonic.
+    """
+
+    place: Path
+    rig: Rig
+    watched: WatchedRoom
+    film: Film
+    white: float
+    began_s: float
+    seen: tuple[Seen, ...]
 
 
 def live(
@@ -195,8 +212,8 @@ def live(
     warm_s: float,
     after_s: Sequence[float],
     camera: WatchCamera,
-) -> Iterator[Moment]:
-    """Play a film in a room, let something happen after `warm_s`, and judge at times after that."""
+) -> Show:
+    """Play a film in a room, let something happen after `warm_s`, and look at the screen at times after that."""
     event, made = EVENTS[event_name], ROOMS[room](scale)
     rig = Rig(made, FAULTS["known"].devices)
     place = folder / f"{room}-{scale:g}"
@@ -219,9 +236,9 @@ def live(
         watched.rig_at(origin + later_s).seen(np.zeros((*rig.raster, 3), np.uint8))
     captures = place / "captures"
     captures.mkdir(exist_ok=True)
-    (place / "show.socket").unlink(missing_ok=True)  # of a player that was killed
-    seen = list(_played(place, path, rig, watched, event, camera, began, white, warm_s, after_s))
-    yield from _judged(place, rig, watched, film, white, began[0], seen)
+    (place / "show.socket").unlink(missing_ok=True)  # left by a player that was killed
+    seen = tuple(_played(place, path, rig, watched, event, camera, began, white, warm_s, after_s))
+    return Show(place, rig, watched, film, white, began[0], seen)
 
 
 def _response(rig: Rig, place: Path) -> Path:
@@ -239,7 +256,7 @@ def _played(
     white: float,
     warm_s: float,
     after_s: Sequence[float],
-) -> Iterator[_Seen]:
+) -> Iterator[Seen]:
     """Play, and yield what the screen shows at each of the times."""
     height, width = rig.raster
     folder = place / "captures"
@@ -259,34 +276,57 @@ def _played(
             time.sleep(max(began[0] + later_s - time.monotonic(), 0.0))
             before_s = client.get("time-pos")
             frame = screen.since(time.monotonic())[-1]
-            yield _Seen(time.monotonic() - began[0], frame.codes, before_s, _state(client))
+            yield Seen(time.monotonic() - began[0], frame.codes, before_s, _state(client))
 
 
 def _state(client: Client) -> dict[str, Any]:
     return dict(client.get("watch-state") or {})
 
 
-def _judged(
-    place: Path, rig: Rig, watched: WatchedRoom, film: Film, white: float, began_s: float, seen: Sequence[_Seen]
-) -> Iterator[Moment]:
+@dataclass(frozen=True)
+class Unwatched:
+    """A seen picture, and the same film frame as the player shows it without a watcher.
+
+    still : the film frame as a file.
+    """
+
+    seen: Seen
+    judge: Judge
+    question: Question
+    still: Path
+    codes: Codes
+
+    def psnr(self, codes: Codes) -> float:
+        return self.judge.figures(self.question, codes).psnr
+
+
+def words_of(show: Show) -> tuple[str, ...]:
+    """Returns the options with which the show was played."""
+    return "--white", str(show.white), "--refine", str(STEPS), "--dither", "none"
+
+
+def unwatched(show: Show) -> Iterator[Unwatched]:
+    """Yield each seen picture, next to the same film frame without a watcher, in the room of that time."""
+    for each in show.seen:
+        judge = Judge(show.watched.rig_at(show.began_s + each.time_s))
+        frame = _frame(show.rig, show.film, each, show.white)
+        still = show.film.still(show.place / "judged.png", frame)
+        picture = Picture(f"{show.film.name} {frame}", show.film.frames[frame])
+        question = judge.asks(picture, show.white, product.show_plain(show.place, still).codes)
+        yield Unwatched(each, judge, question, still, product.show(show.place, still, *words_of(show)).codes)
+
+
+def judged(show: Show) -> Iterator[Moment]:
     """Yield the figures of each seen picture, next to the same film frame without a watcher and after a check."""
-    words = "--white", str(white), "--refine", str(STEPS), "--dither", "none"
-    for number, each in enumerate(seen):
-        now = watched.rig_at(began_s + each.time_s)
-        judge = Judge(now)
-        frame = _frame(rig, film, each, white)
-        still = film.still(place / "judged.png", frame)
-        picture = Picture(f"{film.name} {frame}", film.frames[frame])
-        question = judge.asks(picture, white, product.show_plain(place, still).codes)
-        unwatched = product.show(place, still, *words).codes
-        product.check(now, place, seed=number + 1)
-        verified = product.show(place, still, *words).codes
-        product.forget(place)
-        shown, without, after = (judge.figures(question, codes).psnr for codes in (each.codes, unwatched, verified))
-        yield Moment(each.time_s, shown, without, after, each.state)
+    for number, each in enumerate(unwatched(show), 1):
+        product.check(each.judge.rig, show.place, seed=number)
+        verified = product.show(show.place, each.still, *words_of(show)).codes
+        product.forget(show.place)
+        shown, without, after = (each.psnr(codes) for codes in (each.seen.codes, each.codes, verified))
+        yield Moment(each.seen.time_s, shown, without, after, each.seen.state)
 
 
-def _frame(rig: Rig, film: Film, seen: _Seen, white: float) -> int:
+def _frame(rig: Rig, film: Film, seen: Seen, white: float) -> int:
     """Return the frame that the calibrated camera would recognise in displayed codes, near the stated position."""
     light = rig.seen(seen.codes).reshape(*rig.camera, 3) - rig.ambient.reshape(*rig.camera, 3)
     middle, count = round(seen.position_s * RATE), len(film.frames)

@@ -14,7 +14,7 @@ FINE_CODES = np.arange(256) / 255
 class Projector:
     """A projector.
 
-    gammas : of red, green and blue; None: sRGB's curve.
+    gammas : gammas of red, green and blue; None: sRGB's curve.
     black : light at code 0, a share of full drive.
     white_segment : w. Codes whose darkest channel gives m show w m² more white; full white is 1 + w. 0: no segment.
     lamp : remaining share of the light of a new lamp.

@@ -25,7 +25,7 @@ class Devices:
     light : one of LIGHTS.
     stored : how the camera stores what its sensor saw.
     room_light : a share of a floodlit white's light.
-    shift : of the projector's picture, projector pixels.
+    shift : shift of the projector's picture in projector pixels.
     camera_moved : in samples (quarters of a pixel), right and down.
     """
 

@@ -131,7 +131,7 @@ class _Build:
     ) -> Surface:
         """Returns a surface painted in texels as large as the lattice's samples at that depth.
 
-        grid : of patches, at full size.
+        grid : patches at full size.
         """
         texel = depth / self.camera.focal / SAMPLES
         rows, columns = (

@@ -20,8 +20,8 @@ class WatchCamera:
     """A free-running camera.
 
     period_s : between captures.
-    latency_s : from the end of an exposure to the arrival of the capture.
-    exposure_s : of each row.
+    latency_s : time from the end of an exposure to the arrival of the capture.
+    exposure_s : exposure of each row.
     rolling_s : between the exposures of the first and the last row.
     jitter_s : standard deviation of the arrival.
     """

@@ -49,7 +49,7 @@ class FixedBlocksScheme:
     Each block is shown alone, and a camera pixel belongs to the block that it sees best. Then the first pixels of all
     blocks are shown together, the second pixels, and so on. A camera pixel's light is attributed to its own block.
 
-    side : of a block, in projector pixels.
+    side : side of a block in projector pixels.
     """
 
     side: int = 16

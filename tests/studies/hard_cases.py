@@ -199,7 +199,7 @@ def _short_exponent(text: str) -> str:
 class CutFigures:
     """A wall whose T is cut to clusters of at most `allowed` projector pixels (None: uncut), seen through the whole T.
 
-    condition : of the worst cluster.
+    condition : condition of the worst cluster.
     change : ‖T_cut − T‖ / ‖T‖.
     plain, damped : (error, amplification) of the plain inverse and of λ = 0.1 σ₁.
     """

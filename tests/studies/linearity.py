@@ -83,7 +83,9 @@ def measured(rig: Rig, stored: Stored, exposures: Exposures = EXPOSURES) -> Bend
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.linearity", description=__doc__)
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
-    parser.add_argument("--scale", type=float, default=1.0, help="of camera and projector, 160x120 and 96x72 at 1")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="scale: 1 has a camera of 160x120, a projector of 96x72"
+    )
     options = parser.parse_args()
     rooms = [ROOMS[name](options.scale) for name in options.room]
     print(f"| camera | {' | '.join(options.room)} | most of a linear one | if this response is given |")

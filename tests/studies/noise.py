@@ -72,7 +72,9 @@ def main() -> None:
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
     parser.add_argument("--scheme", nargs="+", choices=SCHEMES, default=["hierarchical"], help="default hierarchical")
     parser.add_argument("--electrons", nargs="+", type=float, default=[20000.0, 2000.0], help="default 20000 2000")
-    parser.add_argument("--scale", type=float, default=0.5, help="of camera and projector, 160x120 and 96x72 at 1")
+    parser.add_argument(
+        "--scale", type=float, default=0.5, help="scale: 1 has a camera of 160x120, a projector of 96x72"
+    )
     options = parser.parse_args()
     print("| room | electrons | scheme | captured | pictures | exposures | finest | error of T | foretold |")
     print("|---" * 9 + "|", flush=True)

@@ -52,7 +52,9 @@ def main() -> None:
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
     parser.add_argument("--fault", nargs="+", choices=FAULTS, default=["known", "home"], help="default known home")
     parser.add_argument("--scheme", nargs="*", default=list(SCHEMES), help=f"default {' '.join(SCHEMES)}")
-    parser.add_argument("--scale", type=float, default=1.0, help="of camera and projector, 160x120 and 96x72 at 1")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="scale: 1 has a camera of 160x120, a projector of 96x72"
+    )
     options = parser.parse_args()
     ways = {f"{count} pictures": ("--pictures", str(count)) for count in options.counts}
     ways |= {scheme: ("--scheme", scheme) for scheme in options.scheme}

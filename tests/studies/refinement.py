@@ -159,7 +159,7 @@ class Cost:
 
 
 def costs(made: dict[str, GlRenderer]) -> dict[str, Cost]:
-    """Returns the costs, by the fastest of REPEATS runs in turns."""
+    """Returns the costs. Every renderer runs REPEATS times, in turns, and its fastest run counts."""
     clock = clock_of(moderngl.get_context())
     fastest = {(start, steps): np.inf for start in made for steps in (1, MANY)}
     for _ in range(REPEATS):

@@ -160,7 +160,7 @@ def brightness(folder: Path) -> tuple[list[str], list[FloatArray]]:
 
 
 def wide(folder: Path) -> tuple[list[str], list[FloatArray]]:
-    """Measure two overlapping projectors side by side: the share of the view that counts, and grey along it."""
+    """Measure two overlapping projectors side by side: the share of the view that counts, and a line of grey."""
     scenes = [load(folder, WIDE.format(projector=x)) for x in (-0.55, 0.55)]
     rooms = [lit_by([scenes[0]]), lit_by([scenes[1]]), lit_by(scenes)]
     where, white = rooms[2][0].mask, min(white_of(room) for room in rooms)

@@ -262,7 +262,7 @@ def compared(line: Line, count: int) -> dict[str, list[float]]:
 
 
 def company(line: Line, count: int) -> tuple[list[float], list[float]]:
-    """Returns the losses of several viewers, one per view: by one drive for all, and by the best for the first."""
+    """Returns the losses of viewers, one per view: with one drive for all, and with the best drive for the first."""
     views = SETS[count]
     rooms = [(line.at(view).room, line.at(view).transport) for view in views]
     together = Player(set_of(rooms, line.placed(views), line.white), line.frame).drive("all", TO_THE_END)

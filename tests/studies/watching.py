@@ -44,7 +44,7 @@ from tests.watched_films import Film, Moment, Scene, watched
 KNOWN = FAULTS["known"]
 CLIP_FRAMES, HOLD_S = 24, 1.5
 CHANGE_S, LAST_S = 15.0, 4.0
-BRIGHT = 0.85  # of the films, so that a weaker lamp can still show them
+BRIGHT = 0.85  # share of the films' light, so that a weaker lamp can still show them
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Find out what a camera does to its pictures, from captures of black-and-white patterns.
+"""Find out how a camera processes its pictures, from captures of black-and-white patterns.
 
 JPEG leaves few high frequencies in blocks of 8x8 pixels on its grid, and more in blocks off the grid. Colour at half
 resolution is interpolated, so that each second change from pixel to pixel is the mean of its neighbours. Sharpening
@@ -20,7 +20,7 @@ OVERSHOOT = 0.04  # share of the range
 OVERSHOT, JPEG_OVERSHOT = 0.005, 0.16  # share of the pixels that edges cross; JPEG of quality 75 has up to 0.13
 EDGE = 0.2  # share of the range
 SHARED = 0.4  # correlation of the noise of neighbours
-STEPS = 0.5  # of a code value: noise below it is rounding
+STEPS = 0.5  # in code values; smaller noise is rounding
 
 
 def traces(white: Sequence[FloatArray], patterns: Sequence[FloatArray], *, eight_bits: bool) -> str:

@@ -34,7 +34,7 @@ SAMPLES = 1000  # camera pixels per channel
 SPLINES, DEGREE = 24, 3
 CONTRAST = 0.1  # error of a code as a share of the contrast around it: JPEG, sharpening, noise reduction
 AROUND = 5  # camera pixels
-STEP = 0.3  # of a code value: error of a code in flat surroundings, as 1/√12 of a step
+STEP = 0.3  # in code values; error of a code in flat surroundings, as 1/√12 of a step
 FINEST = 1 / 1000  # share of the range; steps of finer cameras do not limit the fit
 SMOOTH = 0.03  # standard deviation of the second differences of log slopes; 0.1 continues sRGB to the top 0.9 % wrong
 TOE = 0.05  # the fit starts with the best of these exponents of code + TOE
@@ -87,7 +87,7 @@ def curve_pictures(projector: tuple[int, int]) -> list[Picture]:
 def curve_of(shots: Sequence[Sequence[Shot]], exposures: Exposures, again: Sequence[Shot] | None = None) -> Curve:
     """Measure the curve from captures of black, white and `curve_pictures`.
 
-    shots : of each picture.
+    shots : captures of each picture.
     again : another capture of white, which reveals noise reduction.
     """
     usable = ~(exposures.saturated(shots[0]) | exposures.saturated(shots[1]))
@@ -103,7 +103,7 @@ def measure_curve(codes: Sequence[FloatArray], usable: BoolArray, step: float) -
 
     codes : (camera height, camera width, 3) each. Code values, 0 to 1.
     usable : (camera height, camera width). Pixels that are not saturated.
-    step : of a code value.
+    step : error of a code, in code values.
 
     Raises InputError if the projector lights too few pixels.
     """

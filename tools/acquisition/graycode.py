@@ -55,7 +55,7 @@ class Decoded:
         """Returns the pixels in which every bit is sure and whose cell is inside the projector.
 
         cells : (rows, columns) of the code.
-        min_contrast : in 8-bit code values.
+        min_contrast : least contrast in 8-bit code values.
         """
         inside = (self.y < cells[0]) & (self.x < cells[1])
         # Slack of a thousandth of a code value: 5/255 · 255 in float32 may fall below 5.

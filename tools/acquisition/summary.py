@@ -87,7 +87,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class ProjectorReport:
-    """What was acquired of one projector.
+    """The measurements of one projector.
 
     given : response that replaces the measured one, if any.
     factoring : the factors that replace a dense T.
@@ -184,7 +184,7 @@ class ProjectorReport:
 
 @dataclass(frozen=True)
 class AcquisitionReport:
-    """The report of an acquisition; its text is the command's output.
+    """The report of an acquisition; its text is the command's output with --verbose.
 
     lit, camera_pixels : camera pixels inside the mask, and in total.
     entries : near entries per channel.
@@ -205,14 +205,18 @@ class AcquisitionReport:
     placed: tuple[Placed, ...] = ()
 
     def __str__(self) -> str:
+        return "\n".join(self.lines(verbose=True))
+
+    def lines(self, *, verbose: bool) -> list[str]:
+        """Returns the lines of the report; `verbose` includes the clusters."""
         sizes = self.clusters.projector_sizes
+        clusters = f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels"
         whose = "projector's" if len(self.projectors) == 1 else "projectors'"
-        lines = [
+        return [
             *self._of_each(lambda each: each.taken),
             f"coverage: {100 * self.covered:.1f} % of the {whose} pixels seen, {self.lit} of {self.camera_pixels} "
             "camera pixels lit",
-            f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
-            "near entries a channel",
+            *([f"{clusters}; {self.entries} near entries a channel"] if verbose else []),
             *map(str, self.placed),
             *self._of_each(lambda each: [str(each.factoring)]),
             *([f"light outside: {self.outside}"] if self.outside else []),
@@ -220,7 +224,6 @@ class AcquisitionReport:
             *self._of_each(lambda each: [*each.light, *each.checks]),
             *self.colours,
         ]
-        return "\n".join(lines)
 
     @property
     def covered(self) -> float:

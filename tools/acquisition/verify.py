@@ -64,10 +64,14 @@ class Verified:
         return "\n".join(lines)
 
     @property
+    def as_predicted(self) -> bool:
+        return self.predicted_psnr - self.measured_psnr < MUCH_WORSE
+
+    @property
     def verdict(self) -> str:
         """The result in words."""
         short = self.predicted_psnr - self.measured_psnr
-        if short < MUCH_WORSE:
+        if self.as_predicted:
             return f"the picture arrives as predicted, {self.measured_psnr:.1f} dB"
         return (
             f"the picture arrives {short:.1f} dB worse than predicted: focus, response or colours are not as the "

@@ -38,7 +38,7 @@ from counterlight.tools.clusters.connections import Connections, connections_of,
 class Parameters:
     """Parameters of a cut.
 
-    radius : of a neighbourhood, projector pixels; 0 or τ₁ = 0 cuts nothing. Thesis: 1 to 15.
+    radius : radius of a neighbourhood in projector pixels; 0 or τ₁ = 0 cuts nothing. Thesis: 1 to 15.
     tau_1 : connections of at most this fraction of their block's strongest are removed, 0..1; 1 leaves the strongest.
     tau_2 : a cut-off projector pixel gets back connections of at least this fraction of its strongest, 0..1.
     """
@@ -63,7 +63,7 @@ class Report:
     """The outcome of a decomposition: connections before and after, and clusters.
 
     saved_pixels : projector pixels that τ₂ reconnected.
-    largest_cluster : in projector pixels.
+    largest_cluster : size in projector pixels.
     """
 
     connections_before: int

@@ -7,7 +7,7 @@ from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.mixing import invertible
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 
-DARK = 0.05  # of the bright pixels; a channel darker than this is mostly noise
+DARK = 0.05  # share of the bright pixels; a channel darker than this is mostly noise
 NEAR = 0.3  # distance in tint within which pixels have most weight
 BALANCED_PERCENTILE, BALANCED = 5.0, 0.25  # tint of the most neutral pixels of a camera that is balanced on white
 BRIGHTEST_PERCENTILE = 90.0

@@ -21,8 +21,8 @@ from counterlight.maps.mixing import invertible
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.colour.neutral import DARK, neutral_mixing
 
-ALIKE = 0.003  # of a primary's light in the wrong channel: 50 dB, as in tiers.py
-BORDER = 1e-6  # of D: a gamut's border is met except for rounding
+ALIKE = 0.003  # share of a primary's light in the wrong channel; 50 dB, as in tiers.py
+BORDER = 1e-6  # share of D; rounding at a gamut's border
 FEWEST = 16  # camera pixels needed to compare two whites
 
 

@@ -1,4 +1,4 @@
-"""What remains of a room if T has one place per projector pixel: drive = picture(place) · α (1 − β) + β.
+"""A room reduced to one place per projector pixel of T: drive = picture(place) · α (1 − β) + β.
 
 All values are linear light. α makes white even and blends projectors that overlap, because it divides by the light of
 all projectors together. β lifts dark places to the black of the brightest ones. With D = T·1 of the pixel, white w, its
@@ -19,8 +19,8 @@ from counterlight.tools.api import Room, solve
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.transport.transport import Csr, in_one, luminance
 
-BLACK_PERCENTILE = 99  # of the camera pixels that count; highlights must not lift the black of the whole room
-SPREADS = 2.0  # of a typical footprint: camera pixels so far from the brightest one belong to a projector pixel
+BLACK_PERCENTILE = 99  # over the camera pixels that count; highlights must not lift the black of the whole room
+SPREADS = 2.0  # in spreads of a typical footprint; camera pixels up to here from the brightest belong to a pixel
 
 
 @dataclass(frozen=True)

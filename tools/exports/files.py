@@ -19,9 +19,9 @@ from counterlight.raster import Region, side_by_side
 from counterlight.response import TABLE_SIZE, RasterResponse, transfer_table
 from counterlight.tools.exports.diagonal import Diagonal
 
-GAMMA = 2.2  # of the code values of alpha and beta maps
-SAMPLES = 33  # of a colour table, along each axis
-DATE = (1980, 1, 1, 0, 0, 0)  # of files in the archive, so that equal rooms give equal archives
+GAMMA = 2.2  # exponent of the code values of alpha and beta maps
+SAMPLES = 33  # size of a colour table along each axis
+DATE = (1980, 1, 1, 0, 0, 0)  # date of files in the archive, so that equal rooms give equal archives
 
 
 def stored_in_mpcdi(kept: Diagonal) -> Diagonal:

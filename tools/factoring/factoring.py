@@ -162,7 +162,7 @@ class _Search:
             if not fitting:
                 break
             chosen = min(fitting, key=lambda each: (each.numbers, abs(np.log(each.limit / PEAK))))
-            # At least PEAK: a fit that takes all entries above a lower limit as near light would sink with every round.
+            # The fit takes all entries above the limit as near light. A limit below PEAK would sink every round.
             model = fitted(self._rows, chosen.cells, max(chosen.limit, PEAK))
             made = split(self._rows, replace(model, limit=chosen.limit))
             if _far_share(made) > MOST_FAR:

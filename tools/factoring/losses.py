@@ -3,7 +3,7 @@
 Four pictures are sensitive to errors of far light: a photograph, a view whose right half alone is lit, spots on black,
 and a soft picture, which can be shown so well that the least error is visible. p' is the best drive by the factored T',
 and p the best drive by T. The loss is E(p') − E(p) in decibels, where E is the mean square of T p − b relative to white
-over the camera pixels that count. To first order, the loss is at most what the wrong light T p' − T' p' adds to E.
+over the camera pixels that count. To first order, the loss is at most the rise of E by the wrong light T p' − T' p'.
 `Pictures.losses` estimates it for many candidates at once; `measured` measures it.
 """
 
@@ -20,7 +20,7 @@ from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.transport.transport import Shape, Transport
 
 NAMES = ("photograph", "half", "spots", "soft")
-SPOTS = 6  # number along the longer side
+SPOTS = 6  # spots along the longer side
 STEPS, MORE = 80, 40
 DARKEST = 1e-6  # E that counts as zero: 60 dB below white, half a code value of eight bits
 

@@ -17,7 +17,7 @@ from counterlight.response import Response
 from counterlight.tools.hdr.camera_response import NODES, table_response
 
 LEAST_LEVELS = 5
-FOLLOWED = 0.01, 0.99  # shares of white between which readings determine the exponent; below is noise
+FOLLOWED = 0.01, 0.99  # readings between these shares of white determine the exponent; darker readings are noise
 EXPONENTS = 0.4, 4.0
 
 

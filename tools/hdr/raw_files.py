@@ -34,7 +34,7 @@ from counterlight.files.reading import opened, read_bytes
 from counterlight.files.silence import overheard
 
 TOP = 65535
-QUARTER_TURNS = {3: 2, 5: 1, 6: -1}  # counterclockwise, by LibRaw's number of an orientation
+QUARTER_TURNS = {3: 2, 5: 1, 6: -1}  # number of an orientation in LibRaw -> quarter turns counterclockwise
 CELLS = {2: 2, 6: 3}  # period of the mosaic: side of the smallest square that contains every colour
 
 
@@ -174,7 +174,7 @@ def read_exposure(path: Path) -> Exposure:
         return Exposure(*map(_positive, raw_exposure(path)))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # damaged EXIF and large pictures: the values are checked below
+            warnings.simplefilter("ignore")  # about damaged EXIF and large pictures; the values are checked below
             with opened(path, "check the path") as file, Image.open(file, formats=("PNG", "JPEG")) as picture:
                 tags = dict(picture.getexif().get_ifd(ExifTags.IFD.Exif))
     except OSError as error:

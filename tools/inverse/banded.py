@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.transport.transport import Csr
 
-WIDEST_BAND = 1 / 4  # of the matrix size; for a wider band, dense is faster
+WIDEST_BAND = 1 / 4  # share of the matrix size; for a wider band, dense is faster
 WORTH_REORDERING = 0.8  # reorder if the band's width falls below this share
 
 

@@ -112,7 +112,7 @@ def build_room_maps(
     """Build and write every row map of a calibration.
 
     refine : whether to include the maps of refinement.
-    colour : of choices.COLOURS.
+    colour : one of choices.COLOURS.
     workers : processes, also on other machines, that invert windows; None for this process.
 
     Raises InputError at once if another process is building the maps.

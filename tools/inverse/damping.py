@@ -1,6 +1,6 @@
 """Chooses λ of T⁺ = (TᵀT + λ²I)⁻¹Tᵀ by the camera's error *after* the clamp to 0..1.
 
-See docs/mathematics.md 2. GCV and the L-curve ignore the clamp, which is what makes an undamped pseudo-inverse bad.
+See docs/mathematics.md 2. GCV and the L-curve ignore the clamp, but the clamp makes an undamped pseudo-inverse bad.
 """
 
 from collections.abc import Sequence

@@ -19,7 +19,7 @@ from counterlight.tools.transport.transport import Csr, Dense, FarLight, channel
 
 LARGEST = 1e30  # largest entry of a factor; products with light, summed, then stay within float32
 ADVICE = "give more --regularize, or look for what is extreme in far_light.npz"
-# of a row's largest entry: gathers average hundreds of pixels, and their tails only cost time
+# share of a row's largest entry: gathers average hundreds of pixels, and smaller entries only cost time
 RELATIVE_THRESHOLD = 1e-4
 
 

@@ -25,7 +25,7 @@ NORMAL_BYTES = 3 * 40  # per entry of TᵀT: three channels, while they are adde
 ROOM_BYTES, PIXEL_BYTES = 250, 400  # while a room's maps are made: per entry of T, and per pixel of both sides
 BLURRED_BYTES = 120  # per entry of B, which has neither T⁺ nor words
 IN_ONE_BYTES = 150  # per entry of a T that is made dense and cut: its rows, its graph and the graph's order
-FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all rows are predicted first, to within 15 %
+FORETELLING_SHARE = 0.02  # share of the rows that predicts the entries of all rows to within 15 %
 SAMPLE_COLUMNS = 64
 
 

@@ -22,7 +22,7 @@ class Method:
     """The chosen method.
 
     windowed : (clusters,) bool. Inverted through windows.
-    reason : in words, for the user.
+    reason : reason in words, for the user.
     """
 
     windowed: NDArray[np.bool_]

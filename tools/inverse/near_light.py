@@ -48,7 +48,7 @@ class InverseOptions:
     max_cluster : for a cut, largest cluster in projector pixels; None for 1000, or 200 for `thesis`. A number implies a
         cut.
     noise : relative standard deviation of T's entries (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
-    inverse : of choices.INVERSES. `whole` inverts T as it is. `cut` first decomposes T into clusters (thesis 4.2.2).
+    inverse : one of choices.INVERSES. `whole` inverts T as it is. `cut` first cuts T into clusters (thesis 4.2.2).
         `none` replaces T⁺ by direct mapping, one entry per row. `auto` is whole if that pays (price.py), else cut, else
         none. `thesis` is chapter 5 to the letter (invert_as_the_thesis).
     parameters : for a cut, replaces the parameters found for a size.
@@ -155,7 +155,7 @@ class Inverse:
 
 @dataclass(frozen=True)
 class Conditions:
-    """What an inverse takes into account besides T and the options.
+    """Inputs of an inverse besides T and the options.
 
     regions : regions of several projectors in one raster.
     weights : (camera pixels,). Diagonal of W, 0 outside the mask; None for 1 inside.

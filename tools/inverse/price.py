@@ -19,8 +19,8 @@ from counterlight.tools.inverse.windows import WindowedChannel, plan_windows, sa
 from counterlight.tools.transport.transport import CHANNELS, Csr
 
 MOST_SECONDS = 60.0
-SHARE_OF_MEMORY = 0.5  # of the available memory
-MOST_FAILING = 0.2  # of the sampled windows
+SHARE_OF_MEMORY = 0.5  # share of the available memory
+MOST_FAILING = 0.2  # share of the sampled windows
 OPERATIONS_A_SECOND = 5e9  # per core, for blocks inverted whole: solving, truncating, joining
 SECONDS_A_CLUSTER = 10e-6  # additional time per cluster
 
@@ -33,7 +33,7 @@ class Objection(str):
 class Price:
     """The cost of an inverse.
 
-    seconds : with all cores of this machine.
+    seconds : time with all cores of this machine.
     needed : bytes of memory.
     failing : share of windows that miss their tolerance.
     """

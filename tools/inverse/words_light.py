@@ -24,10 +24,10 @@ from counterlight.maps.word_map import MOST_WORDS, RoomWords, WordMap
 from counterlight.tools.inverse.words_fit import Fit, fit, scale_of
 
 CODES = 255
-MOST_CODES = 0.5  # of white in the camera picture; less if the map was built with a smaller --max-error
-DARKEST = 1 / 32  # of white: darker pixels may change as much as a pixel of this brightness
+MOST_CODES = 0.5  # code values of 8 bits in the camera picture; less if the map was built with a smaller --max-error
+DARKEST = 1 / 32  # share of white; darker pixels may change as much as a pixel of this brightness
 NEAR = 0.5
-USED = 0.8  # of the allowed change; words then stay valid while a lamp dims by a fifth
+USED = 0.8  # share of the allowed change; words then stay valid while a lamp dims by a fifth
 LEAST = 1e-30
 ENTRY_BYTES = 200  # per entry of T during work
 
@@ -56,7 +56,7 @@ def words_of_light(maps: RoomMaps, max_error: float) -> SmallLight | None:
 
 
 def _heard(refinement: RefinementMaps) -> NDArray[np.bool_]:
-    """Return the camera pixels that TᵀW reads, (camera pixels,)."""
+    """Return whether each camera pixel influences TᵀW, (camera pixels,) bool."""
     heard = np.zeros(refinement.weights.size, bool)
     for packed in (refinement.dual, *([refinement.far_dual.gather] if refinement.far_dual else [])):
         for _, rows in in_blocks(packed):
@@ -192,7 +192,7 @@ def small_map(
 ) -> SmallMap:
     """Make a small map.
 
-    shapes : of output and source.
+    shapes : shapes of output and source.
     chosen : (codes,) bool. Codes that belong to this map; None for all.
     """
     codes = found.codes if chosen is None else found.codes[chosen]
@@ -222,7 +222,7 @@ def words_of(maps: RoomMaps, max_error: float) -> RoomWords | None:
 
     A texture and the available memory limit the size. Blurred light has no words.
 
-    max_error : in code values.
+    max_error : largest error in code values.
     """
     if maps.blurred is not None or ENTRY_BYTES * maps.transport.count > memory.available_bytes():
         return None

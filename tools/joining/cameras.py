@@ -29,14 +29,14 @@ from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Dense, FarLight, Transport
 
-MOST_APART = 0.02  # of white: allowed difference between the responses of one projector as measured by two cameras
+MOST_APART = 0.02  # share of white; allowed difference between two cameras' measurements of one projector's response
 
 
 @dataclass(frozen=True)
 class CameraOptions:
     """Options for joining cameras.
 
-    screen : of choices.SCREENS. The device whose view is the screen.
+    screen : one of choices.SCREENS. The device whose view is the screen.
     keep_exposures : do not match the cameras' light where they overlap.
     tolerance : dB that pictures may lose if a dense T is factored; 0 keeps T.
     """

@@ -31,7 +31,7 @@ from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Dense, Factor, M, Transport
 
-# Of the brightest floodlit pixels: a display's black level, which one measurement may include and another not.
+# Share of the brightest floodlit pixels: a display's black level, which only some measurements include.
 FRACTION_OF_BRIGHT = 0.005
 
 
@@ -96,7 +96,7 @@ def joined(
 ) -> tuple[Calibration, Transport]:
     """Join rooms of one camera; name and ambient light come from the first.
 
-    names : for error messages.
+    names : names of the rooms, for error messages.
 
     Raises InputError for projectors that have no white in common.
     """

@@ -74,9 +74,9 @@ def on_one_screen(
 ) -> SharedRoom:
     """Place cameras of a raster on one screen, and match their light where they overlap.
 
-    calibration, transport : of the raster.
+    calibration, transport : calibration and transport of the raster.
     cameras : (height, width) of each.
-    screen : of choices.SCREENS. The device whose view is the screen.
+    screen : one of choices.SCREENS. The device whose view is the screen.
     keep_exposures : do not change the cameras' light.
 
     Raises InputError for a camera without ties to the others.

@@ -23,8 +23,8 @@ AT_ONCE = 1 << 15  # pixels whose neighbours are processed at a time
 WORTH = 0.5  # the projective trend must leave less than this share of the affine trend's distances
 STEEPEST = 2.0  # largest ratio of scales over the picture
 COARSEST = 4  # cells along the longer side
-WIDTH = 2.0  # of the Gaussian, in cells
-CONSTANT_RIDGE, SLOPE_RIDGE = 1e-3, 0.05  # of a full neighbourhood
+WIDTH = 2.0  # standard deviation of the Gaussian, in cells
+CONSTANT_RIDGE, SLOPE_RIDGE = 1e-3, 0.05  # relative to a full neighbourhood
 MOST_POINTS = 20000  # for fitting a trend
 
 

@@ -13,7 +13,7 @@ from counterlight.tools.pairs.geometry import MOST_PAIRS, NO_MATCH, Pictures, Pl
 from counterlight.tools.pairs.model import CELLS, SATURATED, Model, fit
 from counterlight.tools.pairs.processing import OWN, Processing, fit_processing, fit_response, level_shares
 
-ROUNDS = 2  # of response and places
+ROUNDS = 2  # rounds that fit response and places in turn
 PATCH = (5, 5)  # camera pixels
 FLAT, FLATTEST = 0.03, 0.2  # deviation of code values around places where the response is fitted; share of places
 SAMPLES, LEAST_SAMPLES = 200_000, 1000
@@ -23,14 +23,14 @@ LIT = 0.5  # correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
 DARK = 1e-6  # sum of squared radiance that tells nothing about a gain
-LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # of the camera's range; camera pixels that determine a gain
+LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # share of the camera's range; camera pixels that determine a gain
 FOLDS = 4  # parts of the pairs that are predicted by a fit of the other parts
 MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
 
 
 @dataclass(frozen=True)
 class Border:
-    """What camera pixels that the projector does not light directly tell about the gain of a capture.
+    """Evidence for the gain of a capture, from camera pixels that the projector does not light directly.
 
     ln gain = share (ln g − ln usual), with g the least-squares gain of these pixels: captured over predicted light.
 
@@ -70,7 +70,7 @@ def _ratios(predicted: Pictures, captures: Pictures, pixels: BoolArray) -> Float
 
 @dataclass(frozen=True)
 class Fitted:
-    """What pairs tell about a room.
+    """A room as fitted to its pairs.
 
     processing : code values to light.
     factor : projector pixels per side of a pixel of the reduced pictures that places refer to.

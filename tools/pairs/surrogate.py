@@ -1,8 +1,8 @@
 """Recover pictures from captures: the surrogate task of the projector compensation literature.
 
 Each capture is brought to the picture's raster, and the light that each pixel's affine map implies is a first estimate.
-A small network then estimates code values from the estimates around a pixel and from the pixel's surface. It is
-trained on the pairs, and so learns the response, the spread and the noise, and what natural pictures look like.
+A small network then estimates code values from the estimates around a pixel and from the pixel's surface. Trained on
+the pairs, it learns the response, the spread, the noise, and the look of natural pictures.
 """
 
 from collections.abc import Sequence

@@ -27,8 +27,8 @@ BLUR = "lost_detail"
 class Advice:
     """Areas with one reason and one way of light.
 
-    reason : of REASONS, or lost_detail.
-    pixels, share : of all areas.
+    reason : one of REASONS, or lost_detail.
+    pixels, share : pixels of all areas, and their share.
     box : left, top, right, bottom of the largest area, camera pixels, inclusive.
     """
 

@@ -23,7 +23,7 @@ class Blur:
     """Parameters for shortening long rows: blocks of projector pixels replace single entries.
 
     raster : (height, width) of the projector.
-    width : of the camera picture, pixels.
+    width : width of the camera picture in pixels.
     tolerance : dB, as `chosen_limit`.
     """
 

@@ -146,7 +146,7 @@ class Projector(Device):
 
     brightness : radiance of a white card that faces it at target_distance.
     black_level : share of white.
-    flicker : of its light; None for steady light.
+    flicker : flicker of the light; None for steady light.
     """
 
     brightness: float

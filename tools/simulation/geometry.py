@@ -16,7 +16,7 @@ class Hits(Batch):
     """Ends of rays; every array is (rays,) unless stated.
 
     surface : index, −1 for no hit; the other fields then have no meaning.
-    distance : in units of the ray's direction.
+    distance : distance in units of the ray's direction.
     u, v, facet : place on the surface.
     point, normal : (rays, 3). The unit normal is turned towards the ray.
     front : whether the ray meets the side that the shape's own normal points to.

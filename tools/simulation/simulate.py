@@ -106,7 +106,7 @@ def simulate(
 ) -> Simulated:
     """Simulate the effects that a scene calls for.
 
-    needs : of the scene; None derives them from it.
+    needs : effects that the scene needs; None derives them from the scene.
     without, only : effects to switch off, or to keep, for a study.
     tolerance : dB that pictures may lose where rows of T are too long for maps; 0 keeps T as it is.
     elsewhere : worker processes that trace the bands; None traces in this process.

@@ -41,10 +41,10 @@ HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  
 class CompensateOptions:
     """Options of a compensation.
 
-    solvers : of COMPENSATIONS.
+    solvers : one of COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most this many projector pixels (thesis 4.2.2).
     white : radiance of a white picture; None for what most of the room can reach.
-    colour : of COLOURS.
+    colour : one of COLOURS.
     aims : weights and priors of the objective.
     priors : whether the box uses play's objective, with weights and priors; otherwise plain least squares.
     """
@@ -209,11 +209,14 @@ class CompensationTask:
         return Compensated(name, drive.reshape(shape), quality, clipped, seconds, best - quality.psnr, notes)
 
 
-def compensate(folder: Path, picture: Path, output: Path | None, options: CompensateOptions) -> Iterator[str]:
+def compensate(
+    folder: Path, picture: Path, output: Path | None, options: CompensateOptions, *, verbose: bool = False
+) -> Iterator[str]:
     """Solve, write the output, and yield lines to print.
 
     output : .png holds the projector's code values, .exr the linear drive. With several solvers, each name is added
         before the suffix. None writes nothing.
+    verbose : also yield the notes of each solver.
     """
     outputs = {} if output is None else _outputs(output, options.solvers)
     for path in outputs.values():
@@ -233,7 +236,8 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
         if found.solver in outputs:
             _write(outputs[found.solver], found.drive, calibration.response)
         yield str(found)
-        yield from (f"    {note}" for note in found.notes)
+        if verbose:
+            yield from (f"    {note}" for note in found.notes)
     yield from (f"{path}: written" for path in outputs.values())
 
 

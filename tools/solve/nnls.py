@@ -24,8 +24,8 @@ RIDGE = (
 )
 REFINEMENTS = 2
 TINY = np.finfo(float).tiny
-EXACT = 0.01  # of the slack below; no further refinement is then needed
-TOLERANCE = 1e-9  # of ‖T_j‖ ‖b‖, for the optimality conditions
+EXACT = 0.01  # share of the slack below; no further refinement is then needed
+TOLERANCE = 1e-9  # relative to ‖T_j‖ ‖b‖, for the optimality conditions
 
 
 def nnls(T: Channel) -> Clusterwise:

@@ -1,4 +1,4 @@
-"""The solvers by name: `prepare(name, T)` does what does not depend on the picture, `solve(b)` the rest."""
+"""The solvers by name: `prepare(name, T)` does the work that no picture changes, and `solve(b)` the rest."""
 
 from collections.abc import Callable
 

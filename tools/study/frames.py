@@ -42,7 +42,7 @@ def player(backend: str, room: Room) -> Iterator["Player"]:
 class Player:
     """Renders pictures of one size as the player would.
 
-    mixing : of the room's primaries.
+    mixing : mixing of the room's primaries.
     """
 
     def __init__(self, renderer: AnyRenderer, mixing: Mixing) -> None:

@@ -54,7 +54,7 @@ class Prepared:
     """A method ready for pictures.
 
     preparation_s : processor seconds.
-    map_bytes : of all row maps that a frame reads; None without maps.
+    map_bytes : size of all row maps that a frame reads; None without maps.
     bound : certified change of a pixel's drive by truncation and rounding of the map; None without a map.
     drive : returns a task's drive.
     cpu_s : returns a solver's processor seconds for a task's picture; None for methods of the player.
@@ -135,7 +135,7 @@ class Direct:
 class Map:
     """The correction map of counterlight build, followed by steps of refinement in the player.
 
-    start : of refinement, "map" or "direct".
+    start : start of refinement, "map" or "direct".
     """
 
     family: str

@@ -26,8 +26,8 @@ class Row:
     bound_codes : certified change of a drive by truncation or rounding, in 8-bit code values of linear drive.
     preparation_s : processor seconds to prepare the room.
     cpu_s : processor seconds of a solver for the picture.
-    frame_ms : in the player; wall-clock time on a GPU, processor time in software.
-    map_mib : of all maps that a frame reads.
+    frame_ms : time per frame in the player; wall-clock time on a GPU, processor time in software.
+    map_mib : size of all maps that a frame reads.
     """
 
     room: str

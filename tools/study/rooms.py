@@ -59,7 +59,7 @@ def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
     if unknown:
         raise InputError(f"--scenes {unknown[0]}: no such scene is shipped; there are {', '.join(shipped)}")
     for path in given:
-        if path.is_dir():
+        if path.is_dir() or not (path.exists() or path.suffix):
             calibrations.read(path)
         else:
             load_scene(path)
@@ -76,7 +76,7 @@ def open_room(place: Path, size: tuple[int, int], colour: str = "auto") -> "Stud
 
     The projector is scaled as the camera is. Files stay unchanged.
 
-    colour : of choices.COLOURS.
+    colour : one of choices.COLOURS.
     """
     if place.is_dir():
         stored = calibrations.read(place)
@@ -107,7 +107,7 @@ class StudyRoom:
 
     The room keeps the last maps and the last bench, so methods that share them should follow each other.
 
-    tier : of colour.
+    tier : calibration and transport in a tier of colour.
     simulation_s : processor seconds of its simulation.
     given : stored T of the user's own room, for white light; None for a scene.
     white : radiance of a white picture, as in the player.
@@ -181,7 +181,7 @@ class StudyRoom:
 
     @cached_property
     def direct(self) -> tuple[RowMap, float]:
-        """Direct mapping of thesis 6.1, without a prior, and its processor seconds."""
+        """Returns direct mapping as in thesis 6.1, without a prior, and the processor seconds that it took."""
         T, all_of_it = self.inside, np.ones((self.calibration.projector.pixels, 3))
         return processor_seconds(lambda: self._asking(direct_mapping(T.T, T.composition(), all_of_it)))
 

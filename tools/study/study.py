@@ -34,7 +34,7 @@ class StudyOptions:
     size : (height, width) into which a scene's camera is fitted.
     patience_s : see jobs.study_rooms.
     table_6_1 : also measure the thesis' scenes at the sizes of the thesis.
-    colour : of choices.COLOURS.
+    colour : one of choices.COLOURS.
     """
 
     places: Sequence[Path]

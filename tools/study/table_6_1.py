@@ -17,7 +17,7 @@ from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds, s
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.transport import CHANNELS
 
-CAMERA, PROJECTOR = (480, 640), (512, 512)  # the sizes in 4.2 and 5.2
+CAMERA, PROJECTOR = (480, 640), (512, 512)  # sizes of thesis 4.2 and 5.2
 FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (52, 52)  # 4.3.3 solves about 2304 equations for 2700 unknowns
 
 
@@ -82,7 +82,7 @@ class Spent:
 
     computed_s : processor seconds.
     pictures : shown by an acquisition.
-    frame_ms : in the player; processor time without a GPU.
+    frame_ms : time per frame in the player; processor time without a GPU.
     below_db : PSNR below the box optimum.
     """
 
@@ -102,7 +102,7 @@ class OurRow:
     """This program's figures for a scene, in processor time; None, or a reason, where a method does not suit the room.
 
     acquired, by_hierarchy : by a simulated camera, multiplexed and with the thesis' scheme.
-    nnls_s : for one picture, with the whole T.
+    nnls_s : time for one picture, with the whole T.
     direct : triangulated.
     thesis : T⁺ as the thesis computes it, plain and cut.
     stepped : refined in every frame, from direct mapping.

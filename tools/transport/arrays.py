@@ -28,7 +28,7 @@ from counterlight.files.reading import Source, opened
 HEADER_BYTES = 512  # numpy writes 128
 MOST_MEMBERS, MOST_DIMENSIONS = 64, 3
 MAX_BYTES = 16 << 30
-COPIES = 2  # of an array: as stored, and converted to another type
+COPIES = 2  # an array as stored, and as converted to another type
 PIECE = 1 << 20
 ENCRYPTED = 1
 RATIOS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}  # the highest ratio of a zlib stream
@@ -50,7 +50,7 @@ class StoredArray:
 
     shape : at most three integers ≥ 0, of any size.
     fortran : whether the first index varies fastest.
-    offset : of the numbers, in bytes.
+    offset : place of the numbers, in bytes.
     """
 
     dtype: np.dtype[Any]

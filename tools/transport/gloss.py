@@ -13,7 +13,7 @@ from counterlight.tools.transport.transport import Transport, luminance
 
 # smallest bump: relative, and in multiples of the usual deviation; smaller ones are the room's shape
 BUMP, USUAL = 0.1, 3.0
-BESIDE = 0.25  # of a projector's median light; darker places are its shadow
+BESIDE = 0.25  # share of a projector's median light; darker places are its shadow
 FEWEST, MOST = 64, 20000  # camera pixels for the fit of a surface
 ROUNDS, TUKEY = 30, 4.0
 TINY = np.finfo(np.float64).tiny

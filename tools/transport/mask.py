@@ -9,7 +9,7 @@ from counterlight.pipeline.content import BRIGHT_PERCENTILE, FRACTION_OF_BRIGHT
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import CUT, cut_by_edges
 
-DARK_PAINT = 0.01  # of the bright pixels' near light, where far light cannot be mistaken for it
+DARK_PAINT = 0.01  # share of the bright pixels' near light, where far light cannot be mistaken for it
 FRACTION_OF_AMBIENT = 0.02
 CLEAR = 5.0  # in multiples of the noise
 
@@ -53,7 +53,7 @@ def lit_pixels(
     composition : (height, width, 3). T·1, without ambient light.
     ambient : (height, width, 3). e, in the same unit.
     noise : (3,). Standard deviation of a pixel's rise from black to floodlight; None if not measured.
-    share : of the bright pixels.
+    share : least light, as a share of the bright pixels' light.
 
     Returns (height, width) bool; all False if nothing rises.
     """

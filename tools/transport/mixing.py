@@ -8,7 +8,7 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Transport
 
-FAINT = 1e-9  # of a row's own light; less cannot be scaled reliably
+FAINT = 1e-9  # share of a row's own light; less cannot be scaled reliably
 
 
 def mixed_channels(transport: Transport, mixing: FloatArray) -> Transport:

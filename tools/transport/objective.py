@@ -30,17 +30,17 @@ from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import LEAST_TRUST, camera_pixels, seen, shares, trust
 
-FAINTEST = 1e-12  # of the largest d; projector pixels below it light nothing, and their step would overflow
-FINEST = 1e-6  # of ½ Σ w b²; an error 60 dB below the target needs no finer certificate
-HARDLY_SEEN = 0.02  # of the usual visibility; at this value, the prior is as strong as the camera's data
+FAINTEST = 1e-12  # share of the largest d; projector pixels below it light nothing, and their step would overflow
+FINEST = 1e-6  # share of ½ Σ w b²; an error 60 dB below the target needs no finer certificate
+HARDLY_SEEN = 0.02  # share of the usual visibility; at this value, the prior is as strong as the camera's data
 FALL = 4  # the power by which the prior fades with visibility: 2e-7 of d for fully seen pixels
 HARDLY_LIT = 3e-4  # share of the usual d; far light alone gives 0.001 to 0.15 in a bright room, noise 0.00001
 BY_FAR_LIGHT = 1e-3  # share of d; costs folded_cards 0.2 dB of an even grey, and 0.005 would cost 0.5 dB
-ALONE = 0.9  # of d: a pixel with a larger share of far light counts as seen by far light alone
+ALONE = 0.9  # share of d; a pixel with more far light counts as seen by far light alone
 TINY, LARGEST = 1e-30, 1e6
-# of d if all light is gloss: no loss where other projectors can light the place, a twentieth less where none can
+# share of d if all light is gloss: no loss where other projectors light the place, a twentieth elsewhere
 AVOIDED = 0.05
-STIFFNESS = 0.03  # of d: ties of unseen pixels to their neighbours (--outside continue)
+STIFFNESS = 0.03  # share of d; ties of unseen pixels to their neighbours (--outside continue)
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class ObjectiveOptions:
     """Options of the objective.
 
     drift : σ, projector pixels by which the picture may shift.
-    outside : of choices.OUTSIDE. Treatment of pixels that no camera sees.
+    outside : one of choices.OUTSIDE. Treatment of pixels that no camera sees.
     avoid_highlights : use another projector where the camera sees gloss (gloss.py).
     """
 

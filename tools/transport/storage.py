@@ -31,7 +31,7 @@ from counterlight.tools.transport.transport import (
 
 Mix = TypeVar("Mix", bound=Dense | None)
 FAR, BLURRED = "far light", "blurred light"
-MOST_CELLS = 1 << 15  # of far light, whose mix is dense
+MOST_CELLS = 1 << 15  # limit for far light, whose mix is dense
 MOST_BLURRED_CELLS = 1 << 28
 EXPORT = "save it with scipy.sparse.save_npz"
 

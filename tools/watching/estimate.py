@@ -1,4 +1,4 @@
-"""Find the changes of the room from the evidence of the last seconds, and apply only what predicts other captures.
+"""Find the changes of the room from the last seconds. A change must predict other captures better to be applied.
 
 Two of three captures are fitted, and every third is held back. A candidate θ replaces the applied θ only if it predicts
 the held-back captures better. Components whose return to the applied value does not harm are returned. Directions of θ
@@ -21,7 +21,7 @@ HOLD_BACK = 3
 FASTEST = 0.1  # expected speed of a steady drift, pixels per second
 FEWEST = 2  # fitted captures of a window
 UNSURE_PX, UNSURE_LIGHT, UNSURE_CAMERA = 0.1, 0.03, 0.1  # largest deviations of what may change
-UNSURE_AMBIENT, UNSURE_EVEN = 0.004, 0.02  # of the field of ambient light, and of its mean
+UNSURE_AMBIENT, UNSURE_EVEN = 0.004, 0.02  # error of the field of ambient light, and of its mean
 STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.02, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
 WORTH = 2.0  # least improvement of the held-back captures, in units of ½ χ²

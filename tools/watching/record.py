@@ -1,4 +1,4 @@
-"""What the watcher saw and decided, for `--watch-record`: pictures and states in a folder of limited size.
+"""Records captures and decisions of the watcher (`--watch-record`) in a folder of limited size.
 
 Names begin with the local time and the state. `…-capture.png` is the capture, `…-shown.png` the reduced projector
 pictures during its exposure, and `…-blocks.png` the measured next to the predicted blocks, relative to white.
@@ -23,13 +23,13 @@ from counterlight.unattended.json_lines import encode
 from counterlight.unattended.watch_link import Answer
 
 EVERY_S, PAUSE_S = 60.0, 10.0  # between pictures without a change of the state, and with one
-MOST_BYTES = 256 << 20  # of pictures
+MOST_BYTES = 256 << 20  # limit for all pictures
 MOST_LINES = 4 << 20  # bytes of each of two files
 STATES, OLDER = "states.jsonl", "states-older.jsonl"
 
 
 class Record:
-    """Keeps answers and sights in a folder. Raises OSError if the folder cannot be written."""
+    """Keeps answers and captures in a folder. Raises OSError if the folder cannot be written."""
 
     def __init__(self, folder: Path, most_bytes: int = MOST_BYTES) -> None:
         self._folder, self._most = folder, most_bytes

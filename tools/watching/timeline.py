@@ -17,7 +17,7 @@ from counterlight.unattended.watch_link import Light, Picture
 KEPT_S = 120.0  # light that is remembered
 PICTURES_S = 3.0  # pictures that are remembered
 MOST_LATENCY_S = 0.4
-STEPS_S = 0.004  # of the search for the latency
+STEPS_S = 0.004  # step of the search for the latency
 CAPTURES = 150  # most captures of the search
 FEWEST = 8
 EXPLAINED = 0.3  # share of the changes that the best latency must explain

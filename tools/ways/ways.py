@@ -167,7 +167,7 @@ class _Seen:
     def _of_pixels(self, lit: BoolArray) -> FloatArray:
         """Returns the part of the spread that comes from the sizes of the pixels alone."""
         steps = [_least_step(self._middle, lit, axis) for axis in (0, 1)]
-        return (steps[0] + steps[1] + 2) / 12  # variance of two squares, the camera's pixel and the projector's pixel
+        return (steps[0] + steps[1] + 2) / 12  # variance of a camera pixel and of a projector pixel, both squares
 
 
 @dataclass

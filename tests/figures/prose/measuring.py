@@ -83,7 +83,7 @@ PROSE = (
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
-            "It needs up to {} times as many pictures",
+            "it needs up to {} times as many pictures",
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         ("On `wall`, {} exposures compare with 109 +", lambda t: pictures(t, CODED, "wall")),
@@ -106,7 +106,7 @@ PROSE = (
             lambda t: (100 - 100 * min(ratios(pictures(t, COARSE), pictures(t, ONE))),),
         ),
         (
-            "It costs up to {} dB of fine and {} dB of smooth pictures",
+            "This threshold costs up to {} dB of fine and {} dB of smooth pictures",
             lambda t: [largest(t, column, COARSE, than=ONE) for column in (FINE, SMOOTH)],
         ),
         ("is lost (`corner`: error {} %)", lambda t: t("corner .* pixel by pixel", "error of T")),

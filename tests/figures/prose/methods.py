@@ -158,7 +158,7 @@ PROSE = (
         2,
         (
             "(it would take 3 min), {} MiB of maps; in simulation {} dB below the optimum without a step, {} after "
-            "the {} that play makes from direct mapping; next: counterlight play wall",
+            "the {} that play makes from direct mapping wall: ready",
             "T⁺ cut into clusters ...{} MiB of maps; in simulation {} dB below the optimum without a step, {} after "
             "the {} that play makes from direct mapping",
         ),
@@ -191,7 +191,7 @@ PROSE = (
             lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
         ),
         (
-            "instead of pixels, gain {} dB on triangulated",
+            "instead of pixels) gain {} dB on triangulated",
             lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
         ),
         (

@@ -201,7 +201,7 @@ PROSE = (
         judged_away,
         ("the film's windows lose {}, {}, {} dB with T.", lambda t: t("^T:", "film")),
         ("They lose {}, {}, {} with blocks of limit 0.0014", lambda t: t("^0.0014:", "film")),
-        ("So blocks cost films {} to {} dB", more),
+        ("Blocks therefore cost films {} to {} dB", more),
         ("A stricter limit (0.0010: {}, {}, {})", lambda t: t("^0.0010:", "film")),
     ),
 )

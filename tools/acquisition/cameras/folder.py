@@ -30,7 +30,7 @@ POLL_S = 0.2
 LISTED = 3  # names in a message
 CHECK, CHECKED = "check ", "checked"  # a check's id begins with CHECK; CHECKED is the id once the check has ended
 MOST = 1 << 40
-THIRD_STOP = 0.4  # factors of two; files hold nominal times, up to a third of a stop off
+THIRD_STOP = 0.4  # tolerance in stops: files hold nominal times, up to a third of a stop off
 ANY_CASE = frozenset((*SUFFIXES, *(suffix.upper() for suffix in SUFFIXES)))
 _NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
 

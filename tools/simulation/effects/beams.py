@@ -40,7 +40,7 @@ Pitches = dict[int, tuple[float, float]]
 class Landed(Batch):
     """Rays that ended on a matt surface.
 
-    tag : of the ray in the lattice.
+    tag : number of the ray in the lattice.
     history : number that identifies the faces on the way and what happened at each.
     share : (n, 3). Share of the ray's light that arrived.
     """

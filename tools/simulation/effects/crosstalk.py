@@ -38,7 +38,7 @@ def of_pixels(scene: Scene, total: FloatArray, weight: FloatArray) -> FloatArray
 def photographed(
     X: FloatArray, transport: Transport, ambient: FloatArray
 ) -> tuple[Transport, FloatArray, FloatArray, float]:
-    """Returns what patterns of white light measure.
+    """Returns the mixing as patterns of white light measure it.
 
     The results are T_k = Σ_l X_kl T_l, e (camera pixels, 3), the floodlights F_kl = X_kl (T_l·1) as (primary, camera
     pixels, camera channel), and the light that channels see of other primaries.

@@ -16,7 +16,7 @@ class Meeting:
     """The nearest points where rays meet a shape, one row per ray that meets it.
 
     ray : index of the ray.
-    distance : in units of the ray's direction.
+    distance : distance in units of the ray's direction.
     u, v : place on the shape.
     normal : (rays, 3). Outward unit normal.
     facet : triangle, or −1 for shapes without triangles.

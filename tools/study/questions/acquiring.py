@@ -35,11 +35,11 @@ FIRST = 9, 16, 48, 128
 class Way:
     """A way to acquire a room.
 
-    words : for the table.
-    options : of counterlight acquire.
+    words : name in the table.
+    options : options of counterlight acquire.
     make : its scheme; None for acquisition by pictures.
     pictures : number of pictures, for acquisition by pictures.
-    shots : per pattern.
+    shots : captures per pattern.
     averaged : whether each pattern gets as many shots as its noise requires.
     """
 
@@ -96,7 +96,7 @@ def pictures(place: Place) -> Question:
 class Again:
     """Result of acquiring a room again.
 
-    transport : of all its projectors and cameras.
+    transport : transport of all its projectors and cameras.
     black : (camera height, camera width, 3). Radiance for a black projector picture.
     pictures, exposures : numbers that the acquisition took.
     """

@@ -16,7 +16,7 @@ class Asked:
     """A room's answers.
 
     verdict : one sentence on all.
-    size : of the room in which questions were tried, in words.
+    size : size of the room in which questions were tried, in words.
     """
 
     room: str
@@ -29,7 +29,7 @@ class Asked:
 class Tried:
     """Questions that are answered by trying, without figures of methods.
 
-    size : of the room in which they were tried, in words.
+    size : size of the room in which questions were tried, in words.
     """
 
     questions: tuple[Question, ...]

@@ -20,7 +20,7 @@ HAIR = (
     (0.17, 0.97, 0.075, 0.13, 0.12, 0.12),
     (-0.17, 0.97, 0.075, 0.13, 0.12, 0.12),
 )
-SOFTNESS = 12  # exponent of the seams between ellipsoids; larger is harder
+SOFTNESS = 12  # exponent of the seams between ellipsoids; larger exponents give sharper seams
 CURL = 0.062  # distance between curls
 FACE_RISE = 0.96 - 1.00  # the bumps below suit a head 0.04 higher
 # x, y; spreads across and up; height, negative for hollows. MIDDLE lies on the axis, SIDES on both sides of it.
