@@ -127,10 +127,12 @@ def acquire(
     curve = _measured_curve(camera, store, captures, parts[0], (first, len(parts)))
     rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
     wanders = [
-        wander_of(room, _repeated(captures, part.number, len(parts))) for part, room in zip(parts, rooms, strict=True)
+        wander_of(room, *(_repeated(captures, first, len(parts)) for first in (0, part.number)))
+        for part, room in zip(parts, rooms, strict=True)
     ]
     averagings = list[Averaging | None]()
-    for part, room, pictures in zip(parts, rooms, early, strict=True):
+    for part, wander, pictures in zip(parts, wanders, early, strict=True):
+        room = wander.room
         seen = [capture.astype(np.float64) for capture in captures[first : first + len(pictures)]]
         first += len(pictures)
         if seen:
@@ -210,16 +212,17 @@ def _acquire(
             averaging = part.averaging(room, np.asarray(seen, np.float64))
             part.begin(averaging)
         room = _with_better_black(part, room, averaging)
-    measured = _run(make_scheme(room, projector), part, room)
+    wander = replace(wander, room=room)
+    measured = _run(make_scheme(room, projector), part, wander)
     pattern, colours = check_pattern(projector), check_colours(projector)
     shown: list[Picture] = [white, pattern, colours] if light else [white, pattern]
-    seen_last = wander.steadied(part.capture(Level("floodlight and check", shown)))
-    last = [np.asarray(seen, np.float64) for seen in seen_last]
-    before, after = (room.above_black(picture) for picture in (room.floodlight, last[0]))
+    checked = part.capture(Level("floodlight and check", shown))
+    last = [np.asarray(seen, np.float64) for seen in checked]
+    before, after = (room.above_black(picture) for picture in (room.floodlight, wander.steadied(checked)[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
     T, coloured, by_measured = measured.transport, None, None
     if light:
-        predicted = partial(check_coloured, room=room, codes=colours, capture=last[2])
+        predicted = partial(check_coloured, room=room, codes=colours, capture=last[2], wandering=wander.is_active)
         by_measured = predicted(T, response=light.response, primaries=light.primaries)
         if light.segment:
             primary, response = light.without_segment(T, light.segment), replace(light.response, segment=light.segment)
@@ -232,7 +235,7 @@ def _acquire(
             if tried.excess < EXPLAINED * by_measured.excess:
                 light, by_measured = processed, tried
         coloured = predicted(T, response=light.curve(given), primaries=light.primaries) if given else by_measured
-    check = check_white(measured.transport, room, pattern, last[1])
+    check = check_white(measured.transport, room, pattern, last[1], wandering=wander.is_active)
     averaged = averaging.done if averaging else None
     measured = replace(measured, transport=T)
     return Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)
@@ -264,11 +267,12 @@ def _with_better_black(part: Part, room: Reference, averaging: Averaging) -> Ref
     return replace(room, black=total / count)
 
 
-def _run(scheme: Scheme, part: Part, room: Reference) -> Measured:
+def _run(scheme: Scheme, part: Part, wander: Wander) -> Measured:
     """Drive a scheme: capture each level that it yields, check the level, and return what it measured."""
-    level = next(scheme)
+    level, room = next(scheme), wander.room
     while True:
-        captures = SummedCaptures(part.capture(replace(level, later=(*level.later, LAST)), repeatedly=True))
+        captured = part.capture(replace(level, later=(*level.later, LAST)), repeatedly=True)
+        captures = SummedCaptures(wander.closed(captured, level.cover))
         try:
             following = scheme.send(captures)
         except StopIteration as ended:
