@@ -57,6 +57,7 @@ from counterlight.tools.acquisition.wander import Wander, wander_of
 MOST_SATURATED = 0.02  # share of the camera's pixels
 LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise; by this multiple of the noise
 EXPLAINED = 0.5  # a white segment must reduce the unexplained error of the coloured check to at most this share
+LESS = 0.8  # the same for colour processing, whose error contains the gains of a camera without a border
 DEFAULT_AIM = Aim()
 BLACKS = 8  # captures of black per capture of a finest pattern, so that black adds an eighth to their variance
 LAST = Expected(3)  # floodlight and the two checks
@@ -232,7 +233,7 @@ def _acquire(
         if not light.is_explained and part.has_colours(lambda: True):
             processed = _with_processing(part, wander, light)
             tried = predicted(T, response=processed.response, primaries=processed.primaries)
-            if tried.excess < EXPLAINED * by_measured.excess:
+            if tried.excess < LESS * by_measured.excess:
                 light, by_measured = processed, tried
         coloured = predicted(T, response=light.curve(given), primaries=light.primaries) if given else by_measured
     check = check_white(measured.transport, room, pattern, last[1], wandering=wander.is_active)
