@@ -340,7 +340,9 @@ def _projector_to_toml(projector: Device) -> dict[str, Any]:
     response = projector.response
     table: dict[str, Any] = {"width": projector.width, "height": projector.height, "response": response.to_toml()}
     segment = None if response.segment is None else [list(row) for row in response.segment.samples]
-    optional = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
+    processing = None if response.processing is None else [list(row) for row in response.processing.samples]
+    optional: dict[str, object] = {"white_segment": segment, "processing": processing}
+    optional |= {"monitor": projector.monitor, "colour": projector.colour}
     return table | {name: value for name, value in optional.items() if value is not None}
 
 

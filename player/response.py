@@ -17,6 +17,7 @@ from counterlight.arrays import brief
 from counterlight.errors import InputError, shown
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
+from counterlight.processing import CELLS, Processing
 from counterlight.raster import Region, Shape, side_by_side
 
 TABLE_SIZE = 1024
@@ -95,16 +96,21 @@ class Response:
     gamma : exponent, for "gamma".
     table : (samples, 1 or 3), at equally spaced codes, for "table".
     segment : a projector's white segment, whose light is added to the light of the curves.
+    processing : a projector's colour processing, whose factor the light of the curves is multiplied with. A projector
+        has either of the two.
     """
 
     kind: str
     gamma: float = 1.0
     table: tuple[tuple[float, ...], ...] = ()
     segment: WhiteSegment | None = None
+    processing: Processing | None = None
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
+        if self.segment is not None and self.processing is not None:
+            raise InputError("response: expected a white segment or colour processing, not both")
         if self.kind not in ("linear", "srgb", "gamma", "table"):
             raise InputError(f"response {self.kind!r}: expected linear, srgb, a gamma such as 2.2, or a table")
         if self.kind == "gamma" and not 0.1 <= self.gamma <= 10:
@@ -114,10 +120,12 @@ class Response:
 
     def to_linear(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the linear light of code values; the last axis is the channel. White segments make white exceed 1."""
-        light = self._primaries(codes)
+        light = self.curves(codes)
+        if self.processing is not None:
+            return light * self.processing.factor(codes)
         return light if self.segment is None else light + self.segment.added(light.min(axis=-1))
 
-    def _primaries(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def curves(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the light of the curves alone."""
         if self.kind == "table":
             table = np.array(self.table, np.float64)
@@ -139,6 +147,15 @@ class Response:
         grid = np.linspace(0, 1, len(table))
         columns = (table[:, i % table.shape[1]] for i in range(3))
         return np.stack([np.interp(light, column, grid) for column in columns], axis=-1).astype(np.float32)
+
+    def processing_table(self) -> NDArray[np.float32]:
+        """Return the table of the colour processing for the player, of ones without it; see `Processing.table`."""
+        if self.processing is None:
+            return np.ones((CELLS, CELLS, CELLS, 3), np.float32)
+        inverse, at = self.inverse_table().astype(np.float64), np.linspace(0, 1, TABLE_SIZE)
+        return self.processing.table(
+            lambda light: np.stack([np.interp(np.sqrt(light[..., i]), at, inverse[:, i]) for i in range(3)], axis=-1)
+        )
 
     def over(self, shape: Shape) -> "RasterResponse":
         """Return this response for a whole raster of (height, width)."""
@@ -188,9 +205,11 @@ class RasterResponse:
             row = slice(top, top + self.row_height)
             drive[row] = self._light[each[:, None], codes[row], np.arange(3)]
             for number in np.unique(each):
-                segment, own = self._distinct[number][0].segment, (row, each == number)
-                if segment is not None:
-                    drive[own] += segment.added(drive[own].min(axis=-1))
+                response, own = self._distinct[number][0], (row, each == number)
+                if response.segment is not None:
+                    drive[own] += response.segment.added(drive[own].min(axis=-1))
+                if response.processing is not None:
+                    drive[own] *= response.processing.factor(codes[own] / 255)
             if inverse is not None:
                 drive[row] = np.einsum("xkl,yxl->yxk", inverse[each], drive[row])
         return drive
@@ -205,6 +224,15 @@ class RasterResponse:
             return None
         none = WhiteSegment(((0.0, 0.0, 0.0),) * 2)
         return np.stack([(response.segment or none).tables() for response, _ in self._distinct])
+
+    def processing_tables(self) -> NDArray[np.float32] | None:
+        """Return `Response.processing_table` of each distinct projector, (projectors, CELLS, CELLS, CELLS, 3).
+
+        Returns None if no projector processes colours.
+        """
+        if all(response.processing is None for response, _ in self._distinct):
+            return None
+        return np.stack([response.processing_table() for response, _ in self._distinct])
 
     @cached_property
     def matrices(self) -> NDArray[np.float32] | None:
@@ -225,7 +253,7 @@ class RasterResponse:
     def _light(self) -> NDArray[np.float64]:
         """Drive of every 8-bit code by the curves alone: (projectors, 256, 3)."""
         codes = np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1)
-        return np.stack([replace(response, segment=None).to_linear(codes) for response, _ in self._distinct])
+        return np.stack([response.curves(codes) for response, _ in self._distinct])
 
 
 def parse_response(value: object) -> Response:
@@ -246,7 +274,7 @@ def parse_response(value: object) -> Response:
 
 
 def read_response(table: Table, folder: Path | None = None) -> Response:
-    """Read a table's `response`, linear by default, and its `white_segment` if it has one.
+    """Read a table's `response`, linear by default, and its `white_segment` or `processing` if it has one.
 
     table : table of a TOML file.
     folder : folder of named response files; None if the table may not name files.
@@ -256,18 +284,21 @@ def read_response(table: Table, folder: Path | None = None) -> Response:
             response = named_response(str(table.path("response", folder)))
         else:
             response = parse_response(table.raw("response", "linear"))
-        if "white_segment" not in table:
-            return response
-        return replace(response, segment=_parse_segment(table.raw("white_segment", None)))
+        if "white_segment" in table:
+            response = replace(response, segment=WhiteSegment(_rows(table, "white_segment", "white segment")))
+        if "processing" in table:
+            response = replace(response, processing=Processing(_rows(table, "processing", "processing")))
+        return response
     except InputError as error:
         raise table.refusal(f": {error}") from None
 
 
-def _parse_segment(value: object) -> WhiteSegment:
+def _rows(table: Table, key: str, name: str) -> Matrix:
+    value = table.raw(key, None)
     rows = value if isinstance(value, list) else []
     if not rows or not all(isinstance(row, list) and all(_is_number(v) for v in row) for row in rows):
-        raise InputError("white segment: expected rows of three numbers, from [0, 0, 0]")
-    return WhiteSegment(tuple(tuple(float(v) for v in row) for row in rows))
+        raise InputError(f"{name}: expected rows of three numbers")
+    return tuple(tuple(float(v) for v in row) for row in rows)
 
 
 def named_response(text: str) -> Response:

@@ -5,8 +5,9 @@
 // `of_column` with SEVERAL: each column's row in these tables (width of the picture, one texel row per row of projectors);
 // `colours` with MIXED: matrix from shared to own primaries (3 columns of RGB, one row per projector); `segments` with
 // SEGMENT, two rows per projector: the darkest primary over √light, and the white segment's light, which is subtracted
-// from the primaries, over the square root of that primary.
-// Defines: SEVERAL, for projectors that differ, the height of a row of them; MIXED; SEGMENT; DITHER_ORDERED (8×8 Bayer),
+// from the primaries, over the square root of that primary; `processing` with PROCESSED: 1 / √B over √light (blue along
+// x; one texel row per projector, red and green).
+// Defines: SEVERAL, for projectors that differ, the height of a row of them; MIXED; SEGMENT; PROCESSED, the samples per primary of B; DITHER_ORDERED (8×8 Bayer),
 // DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / highest.
 // Pass: player/passes/encode.py.
@@ -20,6 +21,9 @@ uniform sampler2D colours;
 #endif
 #ifdef SEGMENT
 uniform sampler2D segments;
+#endif
+#ifdef PROCESSED
+uniform sampler2D processing;
 #endif
 uniform float scale;      // light of a white pixel, 1 for drive
 uniform float highest;    // code: 255, of 10 bits 1023
@@ -42,12 +46,31 @@ vec3 looked_up(sampler2D table, vec3 root, int row) {
     return found;
 }
 
+#ifdef PROCESSED
+vec3 processed(vec3 root, int row) {
+    vec3 position = root * float(PROCESSED - 1);
+    ivec3 low = min(ivec3(position), PROCESSED - 2);
+    vec3 share = position - vec3(low), found = vec3(0.0);
+    for (int corner = 0; corner < 8; ++corner) {
+        ivec3 next = ivec3(corner & 1, (corner >> 1) & 1, corner >> 2);
+        vec3 weight = mix(1.0 - share, share, vec3(next));
+        ivec3 at = low + next;
+        ivec2 texel = ivec2(at.b, (row * PROCESSED + at.r) * PROCESSED + at.g);
+        found += weight.r * weight.g * weight.b * texelFetch(processing, texel, 0).rgb;
+    }
+    return min(root * found, 1.0);
+}
+#endif
+
 vec3 code_of(vec3 light, int row) {
     vec3 root = sqrt(clamp(light, 0.0, 1.0));
 #ifdef SEGMENT
     vec3 each = looked_up(segments, root, 2 * row);
     vec3 segment = looked_up(segments, vec3(sqrt(min(min(each.r, each.g), each.b))), 2 * row + 1);
     root = sqrt(max(root * root - segment, 0.0));
+#endif
+#ifdef PROCESSED
+    root = processed(root, row);
 #endif
     return looked_up(inverse_response, root, row);
 }

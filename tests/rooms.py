@@ -13,6 +13,7 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.media.video import Frame, PixelFormat, PlaneShape
 from counterlight.pipeline.room import Room
+from counterlight.processing import LEVELS, Processing
 from counterlight.raster import Region
 from counterlight.response import RasterResponse, Response, WhiteSegment, parse_response
 from counterlight.tools.transport.storage import write_transport
@@ -25,6 +26,9 @@ MIXED, COLOUR = "mixed", ((0.75, 0.25, 0.0), (0.0, 0.875, 0.125), (0.125, 0.125,
 UNLIKE = (4, "srgb"), (6, [[0, 0, 0], [0.1, 0.4, 0.2], [1, 1, 1]]), (3, "srgb")
 SEGMENT = WhiteSegment(((0, 0, 0), (0.1, 0.05, 0.02), (0.5, 0.4, 0.3)))
 SEGMENTED = (4, "srgb"), (6, Response("gamma", 2.2, segment=SEGMENT)), (3, "srgb")
+FACTORS = np.random.default_rng(8).uniform(0.8, 1.25, (LEVELS**3, 3)).tolist()
+PROCESSING = Processing(tuple(map(tuple, FACTORS)))
+PROCESSED = (4, "srgb"), (6, Response("gamma", 2.2, processing=PROCESSING)), (3, "srgb")
 FAINTEST = 1e-2  # share of a blur's peak; smaller entries are dropped
 
 

@@ -31,7 +31,18 @@ from tests.oracles.formulas import resample_axis
 from tests.oracles.renderer import ReferenceDevice, ReferenceRenderer
 from tests.programs import python
 from tests.refined_rooms import physical_room
-from tests.rooms import CAMERA, MIXED, SEGMENTED, UNLIKE, in_strips, in_two_rows, random_room, rgb_frame, yuv_frame
+from tests.rooms import (
+    CAMERA,
+    MIXED,
+    PROCESSED,
+    SEGMENTED,
+    UNLIKE,
+    in_strips,
+    in_two_rows,
+    random_room,
+    rgb_frame,
+    yuv_frame,
+)
 
 ATOL = 1e-5  # like the shaders' tolerance: float32 in sums of at most a few hundred terms of at most a few units
 STEPPED = 1e-4  # eight steps, each of which reads rounded values of the previous step
@@ -139,7 +150,7 @@ def test_refined_film_matches_the_formula(rng: np.random.Generator, start: str, 
         np.testing.assert_allclose(ours.gap, meant.gap, rtol=STEPPED, atol=STEPPED)
 
 
-@pytest.mark.parametrize("strips", [None, UNLIKE, SEGMENTED, ((6, MIXED), (7, "srgb"))])
+@pytest.mark.parametrize("strips", [None, UNLIKE, SEGMENTED, PROCESSED, ((6, MIXED), (7, "srgb"))])
 @pytest.mark.parametrize("dither", DITHERS)
 def test_dithers_match_the_formula(
     rng: np.random.Generator, dither: str, strips: tuple[tuple[int, object], ...] | None

@@ -107,6 +107,12 @@ def white_segment(codes: Codes) -> Codes:
     return np.where(grey, codes, codes // 3 * 2).astype(np.uint8)
 
 
+def vivid(codes: Codes) -> Codes:
+    """Model colour processing: grey has four fifths of the light of its red, green and blue."""
+    grey = np.all(codes == codes[..., :1], axis=2, keepdims=True)
+    return np.where(grey, codes // 5 * 4, codes).astype(np.uint8)
+
+
 def dimming(codes: Codes) -> Codes:
     """Model dynamic contrast: the lamp dims with the picture's mean."""
     return np.asarray(codes * (0.7 + 0.3 * codes.mean() / 255), np.uint8)
@@ -150,6 +156,11 @@ def test_each_fault_has_its_advice(room: SimulatedRoom, fault: dict[str, Any], c
     assert finding.grade != "good"
     assert re.search(advice, finding.sentence)
     assert "\n" not in str(finding)
+
+
+@pytest.mark.parametrize("shown", [white_segment, vivid])
+def test_what_the_acquisition_takes_out_does_not_stop_it(room: SimulatedRoom, shown: Callable[[Codes], Codes]) -> None:
+    assert findings(Faulty(room, shown=shown))["additivity"].grade == "doubtful"
 
 
 def test_a_drifting_white_balance_is_distinguished_from_a_drifting_exposure(room: SimulatedRoom) -> None:

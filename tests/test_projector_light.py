@@ -1,5 +1,6 @@
 """The measured response and primaries of a projector, and the warnings about unusual light."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedEye, SimulatedRoom
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.store import Wanted
 from counterlight.tools.acquisition.summary import Coverage, ProjectorReport
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.simulation.devices import Sensor
@@ -158,6 +160,43 @@ def test_a_white_segment_is_measured_and_taken_out(rng: np.random.Generator, mix
     shown = 1.5 * with_white_segment(codes.reshape(-1, 3) / 255).reshape(drive.shape)
     assert np.abs(shown - drive).mean() < 0.004  # half a code is 0.2 % of white, and s is known equally well
     assert np.abs(shown - drive).max() < 0.02
+
+
+def vivid(codes: FloatArray) -> FloatArray:
+    """Model a vivid mode: a primary alone is 15 to 25 % brighter than in white."""
+    others = np.array([0.7, 0.4, 0.6]) * np.roll(codes, -1, axis=1) + [0.3, 0.6, 0.4] * np.roll(codes, -2, axis=1)
+    return np.asarray(srgb(codes) * (1 + [0.25, 0.2, 0.15] * (1 - others)))
+
+
+@pytest.mark.parametrize("mixing", [np.eye(3), MIXED], ids=["separate", "mixed"])
+def test_colour_processing_is_measured_and_taken_out(rng: np.random.Generator, mixing: FloatArray) -> None:
+    """T is the light of white. Codes for any light up to white give that light."""
+    wall = sharp_wall(rng)
+    done = acquired(rng, vivid, mixing=mixing, transport=wall)
+    assert done.light is not None
+    assert done.coloured is not None
+    assert report_on(done).warnings == []
+    assert re.search(r"from (99|100) to 12[456] % of its share of white", report_on(done).light[-1])
+    assert done.coloured.excess < 0.01
+    response, codes = done.light.response, rng.random((500, 3))
+    assert response.to_linear(codes) == pytest.approx(vivid(codes), abs=0.01)
+    drive = rng.random((16, 64, 3))
+    codes = encoded(drive, response.over(drive.shape[:2]))
+    shown = vivid(codes.reshape(-1, 3) / 255).reshape(drive.shape)
+    assert np.abs(shown - drive).mean() < 0.004  # half a code is 0.2 % of white, and B is known equally well
+    whole = (1 - BLACK) * wall.composition()
+    together = done.light.primaries.reshape(3, -1, 3).sum(axis=0)
+    assert np.abs(together - whole @ np.diag(mixing.sum(axis=1))).mean() < 0.01 * whole.mean()
+
+
+def test_whether_colours_are_captured_is_chosen_once_and_not_for_captures_of_older_versions(tmp_path: Path) -> None:
+    wanted = Wanted(tmp_path / "room")
+    with store.open_store(tmp_path / "captures", {}, Exposures((1.0,)), wanted) as first:
+        assert first.has_colours(1, lambda: True)
+    with store.open_store(tmp_path / "captures", {}, Exposures((1.0,)), wanted) as again:
+        assert again.has_colours(1, lambda: False)
+        again.finish()
+        assert not again.has_colours(2, lambda: True)
 
 
 def test_light_that_does_not_add_up_is_reported_with_what_to_switch_off(rng: np.random.Generator) -> None:

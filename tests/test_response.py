@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.files.tables import Table
 from counterlight.passes.encode import encoded
+from counterlight.processing import LEVELS
 from counterlight.raster import side_by_side
 from counterlight.response import RasterResponse, parse_response, read_response, transfer_table
 from tests.oracles.encoding import encode
@@ -60,6 +62,38 @@ def test_what_a_white_segment_adds_is_taken_out(rng: np.random.Generator, sample
 def test_a_white_segment_that_cannot_be_is_refused(samples: object) -> None:
     with pytest.raises(InputError, match=r"^here: white segment: expected"):
         read_response(Table({"white_segment": samples}, "here", "fix"))
+
+
+def vivid(codes: FloatArray) -> FloatArray:
+    """Return B of a projector whose saturated colours are brighter by up to a quarter, and 1 at white."""
+    others = np.array([0.7, 0.4, 0.6]) * np.roll(codes, -1, axis=-1) + [0.3, 0.6, 0.4] * np.roll(codes, -2, axis=-1)
+    return np.asarray(1 + [0.25, 0.2, 0.15] * (1 - others))
+
+
+def test_colour_processing_is_undone(rng: np.random.Generator) -> None:
+    """The test recomputes the projector's light r(c) B(c); B is linear in each code, as between the samples."""
+    steps = np.linspace(0, 1, LEVELS)
+    codes = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    response = read_response(Table({"response": 2.2, "processing": vivid(codes).tolist()}, "here", "fix"))
+    wanted = rng.uniform(size=(40, 30, 3)) ** np.array([1, 2, 3])
+    codes = encoded(wanted, response.over((40, 30))) / 255
+    shown = codes**2.2 * vivid(codes)
+    assert np.abs(shown - wanted).max() < 2.2 / 255  # half a code at gamma 2.2 is 1.1 codes of light
+    np.testing.assert_allclose(response.to_linear(codes), shown, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "samples", [5, [[1, 1, 1]], [[1, 1]] * LEVELS**3, [[1, 1, 0]] * LEVELS**3, [[1, 1, float("nan")]] * LEVELS**3]
+)
+def test_colour_processing_that_cannot_be_is_refused(samples: object) -> None:
+    with pytest.raises(InputError, match=r"^here: processing: expected"):
+        read_response(Table({"processing": samples}, "here", "fix"))
+
+
+def test_a_projector_has_a_white_segment_or_colour_processing() -> None:
+    both = {"white_segment": [[0, 0, 0], [1, 1, 1]], "processing": [[1, 1, 1]] * LEVELS**3}
+    with pytest.raises(InputError, match="not both"):
+        read_response(Table(both, "here", "fix"))
 
 
 @pytest.mark.parametrize("mixed", [False, True])

@@ -128,6 +128,24 @@ def test_a_white_segment_adds_to_grey_alone() -> None:
     assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # differs by the black level
 
 
+def test_colour_processing_brightens_saturated_colours_and_is_undone(rng: np.random.Generator) -> None:
+    plain, vivid = Projector(), Projector(vividness=(0.25, 0.2, 0.15))
+    white, red = np.full((1, 1, 3), 255, np.uint8), np.array([[[255, 0, 0]]], np.uint8)
+    assert vivid.light(white) == pytest.approx(plain.light(white))
+    assert vivid.light(red)[0, 0] / plain.light(red)[0, 0] == pytest.approx(1.25, rel=1e-3)  # black is not brightened
+    codes = rng.integers(0, 256, (9, 11, 3), np.uint8)
+    shown = vivid.light(vivid.nearest_codes(vivid.light(codes), (9, 11)))
+    # Red and blue may share the error of a step of green.
+    assert np.abs(shown - vivid.light(codes)).max() < 0.012
+
+
+def test_a_wandering_gain_is_of_a_capture_and_a_channel() -> None:
+    sensor, rng = Sensor(16, 0.0, wander=0.025), np.random.default_rng(5)
+    shots = np.stack([sensor.codes(np.full((2, 3), 0.5), np.ones(3), rng) for _ in range(400)]) / 65535
+    assert np.array_equal(shots[:, 0], shots[:, 1])
+    assert shots.std(axis=0) == pytest.approx(0.5 * 0.022, rel=0.15)  # a Gaussian clipped at 2 σ; 400 captures
+
+
 def test_changes_are_seen_where_they_belong() -> None:
     before = small_rig("wall", "separate")
     codes = np.full((*before.raster, 3), 128, np.uint8)

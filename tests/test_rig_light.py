@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from tests.rig import light
+from tests.rig.faults import FAULTS
 from tests.rig.footprints import Aperture, Hits, direct_hits, footprints
+from tests.rig.lens import Emission, Lens
 from tests.rig.pane import Pane, fresnel, light_behind, refracted
 from tests.rig.radiosity import Patches, bounced, form_factors, point_factors
 from tests.rig.rays import Rectangle, looking
+from tests.rig.rig import Rig
 from tests.rig.rooms import ROOMS
 from tests.rig.view import Truth, View
 from tests.small_rigs import small_rig, small_room
@@ -99,7 +102,7 @@ def test_the_corner_lights_itself() -> None:
 def test_footprints_sum_to_the_light_of_a_raster_without_borders() -> None:
     for name in ROOMS:
         truth = Truth(small_room(name), light.separate())
-        lit = truth.direct.sum(axis=1)
+        lit = truth.direct[0].sum(axis=1)
         assert np.all(lit <= truth.unbounded * (1 + 1e-5)), name  # float32 sums
         hits = small_room(name).hits
         height, width = small_room(name).raster
@@ -128,6 +131,39 @@ def test_drift_by_a_whole_pixel_is_the_picture_shifted(rng: np.random.Generator)
         seen = [View(truth, small_room(name).lattice.wide()) for truth in (still, moved)]
         expected = seen[0].rise(np.roll(drive, (-2, 1), axis=(0, 1)).reshape(-1, 3))
         assert seen[1].rise(drive.reshape(-1, 3)) == pytest.approx(expected, abs=1e-4 * expected.max())  # float32
+
+
+def test_the_surroundings_of_white_rise_by_half_the_halo_which_loses_no_light(rng: np.random.Generator) -> None:
+    lens, raster = Lens(halo=0.07), (40, 64)
+    margin, emit = lens.margin(raster), Emission(lens, raster)
+    drive = np.zeros((*raster, 3))
+    drive[:, 32:] = 1
+    light = emit(drive.reshape(-1, 3)).reshape(40 + 2 * margin, 64 + 2 * margin, 3)
+    middle = light[margin + 20, margin:-margin, 0]
+    assert margin == 6  # 96 of 1024 pixels
+    assert 0.025 < middle[31] < 0.035 < 0.965 < middle[32] < 0.975  # half of 7 %, half a pixel from the edge
+    assert middle[: 32 - margin] == pytest.approx(0)
+    assert light.sum() == pytest.approx(drive.sum(), rel=1e-5)
+    u, v = rng.uniform(size=(40 * 64, 3)), rng.uniform(size=(light.size // 3, 3))
+    assert np.sum(emit(u) * v) == pytest.approx(np.sum(u * emit.adjoint(v)), rel=1e-5)  # float32
+
+
+def test_lateral_colour_is_the_drift_of_red_and_blue(rng: np.random.Generator) -> None:
+    lens = Lens(shifts=((1.0, 0.4), (0.0, 0.0), (-0.9, -0.3)))
+    room = small_room("corner")
+    view, drive = room.lattice.calibrated(), rng.uniform(size=(room.raster[0] * room.raster[1], 3))
+    seen = View(Truth(room, light.separate(), lens=lens), view).rise(drive)
+    for channel, shift in enumerate(lens.shifts):
+        moved = View(Truth(room, light.separate(), shift), view).rise(drive)
+        assert seen[:, channel] == pytest.approx(moved[:, channel], abs=1e-5 * seen.max())
+
+
+def test_matrices_and_rays_tell_the_same_behind_a_lens_with_all_faults(rng: np.random.Generator) -> None:
+    rig = Rig(small_room("corner"), FAULTS["real"].devices)
+    u, v = rng.uniform(size=(rig.raster[0] * rig.raster[1], 3)), rng.uniform(size=(rig.camera[0] * rig.camera[1], 3))
+    seen = rig.transport.apply(u)
+    assert rig.exposure * rig.calibrated.rise(u) == pytest.approx(seen, abs=2e-5 * seen.max())  # float32 sums
+    assert np.sum(rig.transport.adjoint(v) * u) == pytest.approx(np.sum(v * seen), rel=1e-5)
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.15])

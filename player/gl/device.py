@@ -26,6 +26,7 @@ from counterlight.passes.refinement_step import Step, Ties
 from counterlight.pipeline.device import EVERYWHERE, GpuPath, NearLight, Owner
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.room import Room
+from counterlight.processing import CELLS
 from counterlight.response import RasterResponse
 
 BLOCK = 16
@@ -131,6 +132,11 @@ class _Encoder:
             if segments is not None:
                 defines["SEGMENT"] = None
                 self._inputs["segments"] = own(picture_texture(context, segments.reshape(-1, *segments.shape[2:])))
+            tables = response.processing_tables()
+            if tables is not None:
+                defines["PROCESSED"] = CELLS
+                rows = tables.reshape(-1, CELLS, 3)  # texel rows: projector, red, green
+                self._inputs["processing"] = own(picture_texture(context, rows))
             target = context.texture((shape[1], shape[0]), 4, dtype="f1", internal_format=CODES[bits])
             self._pass = own(ShaderPass(context, encode.SHADER, target, defines, scale=scale, highest=2**bits - 1))
         except BaseException:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from counterlight.passes.drawing import Array
 from counterlight.passes.kernel import PICTURE, PLANE, Whole, inlined, kernel, looked_up, prange, within
+from counterlight.processing import CELLS
 from counterlight.response import RasterResponse
 
 SHADER = "encode.frag"
@@ -29,13 +30,16 @@ class Encode:
         self._colours = np.zeros((1, 3, 3), np.float32) if response.matrices is None else response.matrices
         none, segments = np.zeros((0, 2, 3, 1), np.float32), response.segment_tables()
         self._segments = none if segments is None else np.ascontiguousarray(segments.swapaxes(2, 3))
+        tables = response.processing_tables()
+        self._processing = np.zeros((0, CELLS, CELLS, CELLS, 3), np.float32) if tables is None else tables
         self._scale, self._dither = np.float32(scale), DITHERS.index(dither)
 
     def fill(self, light: Array, frame: int, out: NDArray[np.unsignedinteger]) -> None:
         """Encode a picture with 8 or 16 bits, as `out` has. frame : frame number; seeds the noise."""
-        projectors = self._codes, self._of_column, self._row_height, self._colours, self._mixes, self._segments
+        projectors = self._codes, self._of_column, self._row_height, self._colours, self._mixes
+        processed = self._segments, self._processing
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), THRESHOLDS
-        encode(light, *projectors, self._scale, *dithered, np.float32(np.iinfo(out.dtype).max), out)
+        encode(light, *projectors, *processed, self._scale, *dithered, np.float32(np.iinfo(out.dtype).max), out)
 
 
 def encoded(light: NDArray[np.floating], response: RasterResponse, scale: float = 1.0) -> NDArray[np.uint8]:
@@ -60,8 +64,8 @@ THRESHOLDS = _bayer()
 
 @kernel(
     *(
-        f"{PICTURE}, {PICTURE}, int32[:, ::1], int64, {PICTURE}, boolean, float32[:, :, :, ::1], float32, int64, "
-        f"uint32, {PLANE}, float32, {codes}"
+        f"{PICTURE}, {PICTURE}, int32[:, ::1], int64, {PICTURE}, boolean, float32[:, :, :, ::1], "
+        f"float32[:, :, :, :, ::1], float32, int64, uint32, {PLANE}, float32, {codes}"
         for codes in ("uint8[:, :, ::1]", "uint16[:, :, ::1]")
     )
 )
@@ -73,6 +77,7 @@ def encode(
     colours: Array,
     mixes: Any,
     segments: Array,
+    processing: Array,
     scale: Any,
     dither: Any,
     frame: Any,
@@ -86,6 +91,7 @@ def encode(
     of_column : (rows of projectors, width). Index of the projector that each column belongs to.
     colours : (projectors, 3, 3). Used if `mixes` is true.
     segments : (projectors, 2, 3, samples), or empty.
+    processing : (projectors, CELLS, CELLS, CELLS, 3), or empty.
     thresholds : thresholds of ORDERED dither, repeated.
     highest : code of white, 255 or 65535.
     """
@@ -104,6 +110,8 @@ def encode(
             roots = _root(red, scale), _root(green, scale), _root(blue, scale)
             if segments.shape[0] > 0:
                 roots = _without_segment(roots, segments[own])
+            if processing.shape[0] > 0:
+                roots = _processed(roots, processing[own])
             threshold = np.float32(0.5)
             if dither == ORDERED:
                 threshold = thresholds[y % thresholds.shape[0], x % thresholds.shape[1]]
@@ -130,6 +138,27 @@ def _without_segment(roots: Any, tables: Any) -> Any:
         np.sqrt(max(roots[1] * roots[1] - looked_up(tables[1, 1], darkest), np.float32(0))),
         np.sqrt(max(roots[2] * roots[2] - looked_up(tables[1, 2], darkest), np.float32(0))),
     )
+
+
+@inlined
+def _processed(roots: Any, table: Any) -> Any:
+    """Return √(p / B) of the three primaries, given √p."""
+    r, g, b = (
+        roots[0] * np.float32(CELLS - 1),
+        roots[1] * np.float32(CELLS - 1),
+        roots[2] * np.float32(CELLS - 1),
+    )
+    i, j, k = min(int(r), CELLS - 2), min(int(g), CELLS - 2), min(int(b), CELLS - 2)
+    x, y, z = np.float32(r - i), np.float32(g - j), np.float32(b - k)
+    red, green, blue = np.float32(0), np.float32(0), np.float32(0)
+    for corner in range(8):
+        di, dj, dk = corner & 1, (corner >> 1) & 1, corner >> 2
+        weight = (x if di else 1 - x) * (y if dj else 1 - y) * (z if dk else 1 - z)
+        red += weight * table[i + di, j + dj, k + dk, 0]
+        green += weight * table[i + di, j + dj, k + dk, 1]
+        blue += weight * table[i + di, j + dj, k + dk, 2]
+    one = np.float32(1)
+    return min(roots[0] * red, one), min(roots[1] * green, one), min(roots[2] * blue, one)
 
 
 @inlined

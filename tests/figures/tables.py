@@ -20,6 +20,7 @@ from tests.figures.row import Figures, table
 FULL_SIZE = {"corner": 1, "two_planes": 2, "folded_cards": 4}  # minutes
 RIG = "room | fault | optimum, dB | captured, dB | below, dB"
 ALONE = "quiet", "srgb", "believed", "response", "led", "segment", "lamp", "daylight"
+REAL = "lateral", "halo", "wander", "processing", "real"
 
 STUDY = table(
     "docs/accuracy.md",
@@ -126,6 +127,7 @@ TABLES = (
     table("docs/rig.md", "python -m tests.studies.optimum", 25, "room | direct mapping | optimum"),
     rigged("--fault known home drift", 10, f"{RIG} | inside (optimum), dB | ΔE2000 (optimum) | light"),
     rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | inside (optimum), dB | ΔE2000 (optimum) | inside"),
+    rigged(f"--room wall --fault {' '.join(REAL)} --steps 0", 8, f"{RIG} | inside (optimum), dB | blurred"),
     table("docs/schemes.md", "python -m tests.studies.pictures_first --fault known", 60, "room | fault"),
     acquired("96x72, 128x96", ("corner", "folded_cards", "glass", "skull", "statuette", "two_planes", "wall"), 10),
     acquired("256x192, 320x240", ("corner", "two_planes", "wall"), 15),

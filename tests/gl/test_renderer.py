@@ -26,6 +26,7 @@ from tests.renderers import both, read
 from tests.rooms import (
     CAMERA,
     MIXED,
+    PROCESSED,
     PROJECTOR,
     SEGMENTED,
     UNLIKE,
@@ -223,7 +224,7 @@ def test_encoding_matches_the_reference(
 
 
 @pytest.mark.parametrize("dither", DITHERS)
-@pytest.mark.parametrize("strips", [UNLIKE, SEGMENTED], ids=["curves", "white segment"])
+@pytest.mark.parametrize("strips", [UNLIKE, SEGMENTED, PROCESSED], ids=["curves", "white segment", "processing"])
 def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
     gl_context: moderngl.Context, rng: np.random.Generator, dither: str, strips: tuple[tuple[int, object], ...]
 ) -> None:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import interpn
 
 FloatArray = NDArray[np.floating]
 
@@ -18,6 +19,7 @@ def encode(
     row_height: int = 0,
     colours: FloatArray | None = None,
     segments: FloatArray | None = None,
+    processing: FloatArray | None = None,
     bits: int = 8,
 ) -> NDArray[Any]:
     """Convert linear light to code values (encode.frag), uint8 for 8 bits, otherwise uint16.
@@ -31,6 +33,7 @@ def encode(
     colours : (projectors, 3, 3). From the shared primaries to each projector's own.
     segments : (projectors, 2, samples, 3), from `WhiteSegment.tables`. White light that is subtracted from the
         primaries.
+    processing : (projectors, samples, samples, samples, 3). 1 / √B over √light of red, green and blue.
     bits : bits per code value.
     """
     height, width = light.shape[:2]
@@ -42,7 +45,11 @@ def encode(
             own = rows, columns == number
             shown = light[own] if colours is None else light[own] @ colours[number].T
             root = np.sqrt(np.clip(shown / scale, 0, 1))
-            codes[own] = _codes(root if segments is None else _without_segment(root, segments[number]), tables[number])
+            root = root if segments is None else _without_segment(root, segments[number])
+            if processing is not None:
+                axes = (np.linspace(0, 1, processing.shape[1]),) * 3
+                root = np.minimum(root * interpn(axes, processing[number].astype(np.float64), root), 1)
+            codes[own] = _codes(root, tables[number])
     threshold: float | NDArray[np.float64] = 0.5
     if dither != "none":
         threshold = bayer(height, width) if dither == "ordered" else _noise(height, width, frame)

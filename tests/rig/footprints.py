@@ -111,18 +111,28 @@ def direct_hits(
 
 
 def footprints(
-    hits: Hits, samples: int, raster: tuple[int, int], shift: tuple[float, float] = (0, 0), sigma: float = LENS
+    hits: Hits,
+    samples: int,
+    raster: tuple[int, int],
+    shift: tuple[float, float] = (0, 0),
+    sigma: float = LENS,
+    scale: float = 1.0,
+    margin: int = 0,
 ) -> sparse.csr_array:
     """Returns W, (samples, projector pixels): irradiance of each sample per pixel at full drive.
 
     shift : movement of the projected picture over the room, pixels right and down.
+    scale : of the picture about the raster's middle, before the movement.
+    margin : pixels that are added to the raster on each side.
     """
+    middle = np.array(raster[::-1]) / 2
+    raster = raster[0] + 2 * margin, raster[1] + 2 * margin
     total = sparse.csr_array((samples, raster[0] * raster[1]), dtype=np.float32)
     order = np.argsort(hits.sample, kind="stable")
     parts = []
     for start in range(0, order.size, CHUNK):
         some = order[start : start + CHUNK]
-        uv = hits.uv[some] - shift
+        uv = (hits.uv[some] - shift - middle) / scale + middle + margin
         (columns, across), (rows, down) = (_spread(uv[:, axis], raster[1 - axis], sigma) for axis in (0, 1))
         weights = (hits.irradiance[some, None] * down)[:, :, None] * across[:, None, :]
         pixels = rows[:, :, None] * raster[1] + columns[:, None, :]

@@ -63,7 +63,7 @@ class Problem:
 def box_optimum(problem: Problem, tolerance: float) -> Optimum:
     """Iterate until G is at most `tolerance` of ½ Σ r²."""
     transport = problem.transport
-    ones = np.ones((transport.near.shape[1] // 3, 3))
+    ones = np.ones_like(transport.adjoint(problem.target))
     # T ≥ 0, so that TᵀT is below the diagonal of its row sums: steps of 1/d never overshoot.
     d = transport.adjoint(problem.counted[:, None] * transport.apply(ones))
     step = np.divide(1, d, out=np.zeros_like(d), where=d > 1e-9 * d.max())

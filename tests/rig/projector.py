@@ -1,4 +1,7 @@
-"""A projector's conversion of code values to light: a curve per channel, a black level, perhaps a white segment."""
+"""A projector's conversion of code values to light.
+
+It has a curve per channel, a black level, and perhaps a white segment or colour processing.
+"""
 
 from dataclasses import dataclass
 
@@ -8,6 +11,8 @@ from numpy.typing import NDArray
 from tests.rig.rays import FloatArray
 
 FINE_CODES = np.arange(256) / 255
+NEXT_SHARES = np.array([0.7, 0.45, 0.6])  # of the next primary in what dims a colour; the rest is the primary after it
+ROUNDS = 12  # of the inverse of colour processing; each leaves at most a fifth of the error
 
 
 @dataclass(frozen=True)
@@ -17,12 +22,14 @@ class Projector:
     gammas : gammas of red, green and blue; None: sRGB's curve.
     black : light at code 0, a share of full drive.
     white_segment : w. Codes whose darkest channel gives m show w m² more white; full white is 1 + w. 0: no segment.
+    vividness : b. Colour processing gives a primary 1 + b (1 − m) of its light, with m a mean of the other codes.
     lamp : remaining share of the light of a new lamp.
     """
 
     gammas: tuple[float, float, float] | None = (2.1, 2.2, 2.35)
     black: float = 0.002
     white_segment: float = 0.0
+    vividness: tuple[float, float, float] | None = None
     lamp: float = 1.0
 
     def curve(self, codes: FloatArray) -> FloatArray:
@@ -33,7 +40,8 @@ class Projector:
 
     def light(self, codes: NDArray[np.uint8]) -> FloatArray:
         """Returns the drive of each primary: (height, width, 3) codes -> (projector pixels, 3)."""
-        shown = self.curve(codes.reshape(-1, 3) / 255.0)
+        shares = codes.reshape(-1, 3) / 255.0
+        shown = self.curve(shares) * self._boost(shares)
         shown = shown + self.white_segment * shown.min(axis=1, keepdims=True) ** 2
         return np.asarray(self.lamp * (self.black + (1 - self.black) * shown))
 
@@ -52,10 +60,20 @@ class Projector:
             share = np.maximum(lowest, 0) / (1 - self.black)
             darkest = (np.sqrt(1 + 4 * self.white_segment * share) - 1) / (2 * self.white_segment)
             light = light - self.lamp * (1 - self.black) * self.white_segment * darkest**2
-        table = self.black + (1 - self.black) * self.curve(np.repeat(FINE_CODES[:, None], 3, axis=1))
+        table = self.curve(np.repeat(FINE_CODES[:, None], 3, axis=1))
         middles = (table[1:] + table[:-1]) / 2
-        codes = [np.searchsorted(middles[:, i], light[:, i] / self.lamp) for i in range(3)]
-        return np.stack(codes, axis=1).astype(np.uint8).reshape(*raster, 3)
+        shown, codes = (light / self.lamp - self.black) / (1 - self.black), np.zeros_like(light)
+        for _ in range(ROUNDS if self.vividness else 1):
+            alone = shown / self._boost(codes)
+            codes = np.stack([np.searchsorted(middles[:, i], alone[:, i]) for i in range(3)], axis=1) / 255
+        return np.rint(255 * codes).astype(np.uint8).reshape(*raster, 3)
+
+    def _boost(self, shares: FloatArray) -> FloatArray | float:
+        """Returns the factor of colour processing: 1 at white, 1 + b for a primary alone. Codes are (pixels, 3)."""
+        if self.vividness is None:
+            return 1.0
+        others = NEXT_SHARES * np.roll(shares, -1, axis=1) + (1 - NEXT_SHARES) * np.roll(shares, -2, axis=1)
+        return np.asarray(1 + np.array(self.vividness) * (1 - others))
 
     def response_table(self) -> list[list[float]]:
         """Returns the curve at every code, as a measurement would give it: 256 rows of red, green and blue."""

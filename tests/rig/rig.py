@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.rig.files import RAW, Stored
+from tests.rig.lens import SHARP, Lens
 from tests.rig.light import LIGHTS
 from tests.rig.projector import Projector
 from tests.rig.rays import FloatArray
@@ -31,6 +32,7 @@ class Devices:
 
     light: str = "separate"
     projector: Projector = field(default_factory=Projector)
+    lens: Lens = SHARP
     sensor: Sensor = field(default_factory=Sensor)
     stored: Stored = RAW
     room_light: float = 0.01
@@ -47,7 +49,7 @@ class Rig:
     def __init__(self, room: Room, devices: Devices, exposure: float | None = None) -> None:
         self.room, self.devices = room, devices
         self.light = LIGHTS[devices.light]()
-        self._truth = Truth(room, self.light, devices.shift)
+        self._truth = Truth(room, self.light, devices.shift, devices.lens)
         self.exposure = exposure if exposure is not None else self._set_exposure()
 
     def after(self, devices: Devices) -> "Rig":

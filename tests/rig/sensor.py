@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tests.rig.rays import FloatArray
 
 STORED_BITS = 16
+MOST_SIGMAS = 2.0  # of a wandering gain
 
 
 @dataclass(frozen=True)
@@ -16,11 +17,13 @@ class Sensor:
 
     full_well : electrons at full scale; 0 is a sensor without noise.
     read_noise : electrons.
+    wander : standard deviation of the gain of a capture's channel, as of an automatic white balance.
     """
 
     bits: int = 14
     full_well: float = 20000.0
     read_noise: float = 5.0
+    wander: float = 0.0
 
     def codes(self, radiance: FloatArray, weakness: FloatArray, rng: np.random.Generator) -> NDArray[np.uint16]:
         """Returns stored codes (…, 3) of radiance relative to full scale, in the upper bits of 16.
@@ -28,6 +31,8 @@ class Sensor:
         weakness : (3,). Gain of each channel; a channel with gain g has g times fewer electrons for the same code.
         """
         seen = np.asarray(radiance, np.float64)
+        if self.wander:
+            seen = seen * (1 + self.wander * np.clip(rng.normal(size=3), -MOST_SIGMAS, MOST_SIGMAS))
         if self.full_well:
             electrons = seen * self.full_well / weakness
             noisy = rng.poisson(np.maximum(electrons, 0)) + rng.normal(0, self.read_noise, seen.shape)

@@ -8,6 +8,7 @@
 4. The scheme's pictures. Each is captured once, or as often as the noise requires (averaging.py).
 5. Floodlight again, which reveals a moved camera.
 6. Random pictures, black-and-white and coloured, that no scheme has seen. Their prediction error is the honest measure.
+7. Full pictures of colours, where red, green and blue do not add up to grey (processing.py).
 
 Several projectors are measured one after the other, while the others show black. Black contains the black levels of
 all projectors and is captured once.
@@ -48,12 +49,15 @@ from counterlight.tools.acquisition.plan import (
     mean_of,
     measure_noise,
 )
+from counterlight.tools.acquisition.processing import colour_level, measure_processing
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
 from counterlight.tools.acquisition.recording import Part, Recorder, Store, StoredCaptures
+from counterlight.tools.acquisition.wander import Wander, wander_of
 
 MOST_SATURATED = 0.02  # share of the camera's pixels
 LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise; by this multiple of the noise
 EXPLAINED = 0.5  # a white segment must reduce the unexplained error of the coloured check to at most this share
+LESS = 0.8  # the same for colour processing, whose error contains the gains of a camera without a border
 DEFAULT_AIM = Aim()
 BLACKS = 8  # captures of black per capture of a finest pattern, so that black adds an eighth to their variance
 LAST = Expected(3)  # floodlight and the two checks
@@ -74,6 +78,7 @@ class Acquisition:
     by_measured : like `coloured`, with the measured response even if another response was given.
     averaged : how often pictures were captured; None if once.
     curve : measured curve of the camera; None if the curve was given or the camera is linear.
+    wander : gains of the camera's captures; None if they were not looked at.
     """
 
     measured: Measured
@@ -88,6 +93,7 @@ class Acquisition:
     by_measured: Check | None
     averaged: Averaged | None = None
     curve: Curve | None = None
+    wander: Wander | None = None
 
 
 def acquire(
@@ -121,8 +127,13 @@ def acquire(
     captures = recorder.capture(Level("black and floodlight", [*shown, *chain(*early)], later))
     curve = _measured_curve(camera, store, captures, parts[0], (first, len(parts)))
     rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
+    wanders = [
+        wander_of(room, *(_repeated(captures, first, len(parts)) for first in (0, part.number)))
+        for part, room in zip(parts, rooms, strict=True)
+    ]
     averagings = list[Averaging | None]()
-    for part, room, pictures in zip(parts, rooms, early, strict=True):
+    for part, wander, pictures in zip(parts, wanders, early, strict=True):
+        room = wander.room
         seen = [capture.astype(np.float64) for capture in captures[first : first + len(pictures)]]
         first += len(pictures)
         if seen:
@@ -131,8 +142,8 @@ def acquire(
     recorder.averaging = averagings[0]
     recorder.foretell(later)
     return [
-        replace(_acquire(part, make_scheme, room, given, averaging), curve=curve)
-        for part, room, averaging in zip(parts, rooms, averagings, strict=True)
+        replace(_acquire(part, make_scheme, wander, given, averaging), curve=curve, wander=wander)
+        for part, wander, averaging in zip(parts, wanders, averagings, strict=True)
     ]
 
 
@@ -187,40 +198,59 @@ def _expected(part: Part, make_scheme: MakeScheme) -> tuple[Expected, ...]:
 
 
 def _acquire(
-    part: Part, make_scheme: MakeScheme, room: Reference, given: Response | None, averaging: Averaging | None
+    part: Part, make_scheme: MakeScheme, wander: Wander, given: Response | None, averaging: Averaging | None
 ) -> Acquisition:
     """Measure one projector; `averaging` is None if the store has no captures to plan it from."""
-    projector, white = part.projector, np.ones(part.projector, np.bool_)
+    projector, white, room = part.projector, np.ones(part.projector, np.bool_), wander.room
     part.begin(averaging)
     light = None
     if part.coloured:
-        light = measure_light(part.capture(replace(light_level(projector), later=part.expected[1:])), room)
+        ramps = part.capture(replace(light_level(projector), later=part.expected[1:]))
+        light = measure_light(wander.steadied(ramps), room)
     if part.averaged:
         if averaging is None:  # an older version captured the random picture here
             (seen,) = part.capture(Level("noise", [random_pixels(projector)], part.expected[1:]))
             averaging = part.averaging(room, np.asarray(seen, np.float64))
             part.begin(averaging)
         room = _with_better_black(part, room, averaging)
-    measured = _run(make_scheme(room, projector), part, room)
+    wander = replace(wander, room=room)
+    measured = _run(make_scheme(room, projector), part, wander)
     pattern, colours = check_pattern(projector), check_colours(projector)
     shown: list[Picture] = [white, pattern, colours] if light else [white, pattern]
-    last = [np.asarray(seen, np.float64) for seen in part.capture(Level("floodlight and check", shown))]
-    before, after = (room.above_black(picture) for picture in (room.floodlight, last[0]))
+    checked = part.capture(Level("floodlight and check", shown))
+    last = [np.asarray(seen, np.float64) for seen in checked]
+    before, after = (room.above_black(picture) for picture in (room.floodlight, wander.steadied(checked)[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
     T, coloured, by_measured = measured.transport, None, None
     if light:
-        predicted = partial(check_coloured, room=room, codes=colours, capture=last[2], primaries=light.primaries)
-        by_measured = predicted(T, response=light.response)
+        predicted = partial(check_coloured, room=room, codes=colours, capture=last[2], wandering=wander.is_active)
+        by_measured = predicted(T, response=light.response, primaries=light.primaries)
         if light.segment:
             primary, response = light.without_segment(T, light.segment), replace(light.response, segment=light.segment)
-            tried = predicted(primary, response=response)
+            tried = predicted(primary, response=response, primaries=light.primaries)
             if tried.excess < EXPLAINED * by_measured.excess:
                 T, light, by_measured = primary, replace(light, response=response), tried
-        coloured = predicted(T, response=light.curve(given)) if given else by_measured
-    check = check_white(measured.transport, room, pattern, last[1])
+        if not light.is_explained and part.has_colours(lambda: True):
+            processed = _with_processing(part, wander, light)
+            tried = predicted(T, response=processed.response, primaries=processed.primaries)
+            if tried.excess < LESS * by_measured.excess:
+                light, by_measured = processed, tried
+        coloured = predicted(T, response=light.curve(given), primaries=light.primaries) if given else by_measured
+    check = check_white(measured.transport, room, pattern, last[1], wandering=wander.is_active)
     averaged = averaging.done if averaging else None
     measured = replace(measured, transport=T)
     return Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)
+
+
+def _with_processing(part: Part, wander: Wander, light: ProjectorLight) -> ProjectorLight:
+    """Measure the projector's colour processing."""
+    level = colour_level(part.projector)
+    print(
+        f"colours do not add up to grey: {len(level.patterns)} more pictures measure them", file=sys.stderr, flush=True
+    )
+    seen = wander.steadied(part.capture(level))
+    processing, primaries = measure_processing(seen, wander.room, light, wander.left)
+    return replace(light, response=replace(light.response, processing=processing), primaries=primaries)
 
 
 def _with_better_black(part: Part, room: Reference, averaging: Averaging) -> Reference:
@@ -238,11 +268,12 @@ def _with_better_black(part: Part, room: Reference, averaging: Averaging) -> Ref
     return replace(room, black=total / count)
 
 
-def _run(scheme: Scheme, part: Part, room: Reference) -> Measured:
+def _run(scheme: Scheme, part: Part, wander: Wander) -> Measured:
     """Drive a scheme: capture each level that it yields, check the level, and return what it measured."""
-    level = next(scheme)
+    level, room = next(scheme), wander.room
     while True:
-        captures = SummedCaptures(part.capture(replace(level, later=(*level.later, LAST)), repeatedly=True))
+        captured = part.capture(replace(level, later=(*level.later, LAST)), repeatedly=True)
+        captures = SummedCaptures(wander.closed(captured, level.cover))
         try:
             following = scheme.send(captures)
         except StopIteration as ended:
@@ -259,12 +290,17 @@ def _run(scheme: Scheme, part: Part, room: Reference) -> Measured:
 def _reference(
     camera: Camera, store: Store, captures: Sequence[NDArray[np.float32]], part: Part, parts: int
 ) -> Reference:
-    black, white = (LazyPatterns(REPEATS, partial(_every, captures, first, parts + 1)) for first in (0, part.number))
+    black, white = (_repeated(captures, first, parts) for first in (0, part.number))
     saturated = camera.exposures.saturated(store.shots(part.number)) | camera.exposures.saturated(store.shots(0))
     noise = measure_noise(black, white)
     room = Reference(mean_of(black), mean_of(white), noise, saturated, REPEATS)
     refuse_unusable(room, part.name)
     return room
+
+
+def _repeated(captures: Sequence[NDArray[np.float32]], first: int, parts: int) -> LazyPatterns[FloatArray]:
+    """Returns the captures of black (first = 0), or of a projector's white (its number)."""
+    return LazyPatterns(REPEATS, partial(_every, captures, first, parts + 1))
 
 
 def _every(captures: Sequence[NDArray[np.float32]], first: int, apart: int, index: int) -> FloatArray:

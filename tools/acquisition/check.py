@@ -59,19 +59,25 @@ def check_colours(projector: tuple[int, int]) -> Codes:
     return _cells(np.where(rng.random((*count, 1)) < 0.5, greys, colours), projector)
 
 
-def check_white(transport: Transport, room: Reference, pattern: Pattern, capture: FloatArray) -> Check:
-    """Compare the capture of a pattern with its prediction by T alone."""
-    return _compared(transport.apply(_three(pattern.ravel())), room, capture)
+def check_white(
+    transport: Transport, room: Reference, pattern: Pattern, capture: FloatArray, *, wandering: bool = False
+) -> Check:
+    """Compare the capture of a pattern with its prediction by T alone.
+
+    wandering : whether the capture's channels have unknown gains.
+    """
+    return _compared(transport.apply(_three(pattern.ravel())), room, capture, wandering=wandering)
 
 
 def check_coloured(
     transport: Transport, room: Reference, codes: Codes, capture: FloatArray, response: Response,
-    primaries: NDArray[np.float32],
+    primaries: NDArray[np.float32], *, wandering: bool = False,
 ) -> Check:  # fmt: skip
     """Compare the capture of a picture with its prediction by T, a response and the primaries.
 
     codes : (projector height, projector width, 3) uint8. The picture.
     primaries : (3, camera height, camera width, 3). Light of each primary.
+    wandering : whether the capture's channels have unknown gains.
     """
     drive = response.to_linear(codes.reshape(-1, 3) / 255.0)
     lights = np.maximum(primaries.reshape(3, -1, 3), 0)
@@ -82,11 +88,14 @@ def check_coloured(
         unclear = np.broadcast_to(np.arange(3) == primary, whole.shape).astype(np.float64)  # only its own channel
         share = np.divide(light, whole, out=unclear, where=clear)
         predicted += share * transport.apply(_three(drive[:, primary]))
-    return _compared(predicted, room, capture)
+    return _compared(predicted, room, capture, wandering=wandering)
 
 
-def _compared(predicted: FloatArray, room: Reference, capture: FloatArray) -> Check:
+def _compared(predicted: FloatArray, room: Reference, capture: FloatArray, *, wandering: bool) -> Check:
     seen = room.above_black(capture)
+    if wandering:
+        whole = np.maximum(np.sum(predicted**2, axis=0), np.finfo(float).tiny)
+        predicted = predicted * np.sum(predicted * seen, axis=0) / whole
     scale = np.sqrt(np.sum(seen**2))
     noise = np.sqrt((1 + 1 / room.repeats) * np.sum(room.noise.sigma(seen) ** 2))
     return Check(float(np.sqrt(np.sum((predicted - seen) ** 2)) / scale), float(noise / scale))

@@ -24,6 +24,9 @@ class MemoryStore:
     def has_curve(self, choose: Callable[[], bool]) -> bool:
         return choose()
 
+    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
+        return choose()
+
     def develop(self, response: Response) -> None:
         self._exposures = replace(self._exposures, response=response)
 

@@ -18,7 +18,7 @@ from scipy.optimize import isotonic_regression
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response, WhiteSegment
-from counterlight.tools.acquisition.plan import REPEATS, Captures, Codes, LazyPatterns, Level, Reference
+from counterlight.tools.acquisition.plan import REPEATS, Codes, LazyPatterns, Level, Reference
 from counterlight.tools.hdr.projector_response import fit_projector_response
 from counterlight.tools.transport.transport import Transport
 
@@ -70,8 +70,13 @@ class ProjectorLight:
         )
 
     def curve(self, given: Response) -> Response:
-        """Returns another response combined with the measured white segment."""
-        return replace(given, segment=self.response.segment)
+        """Returns another response combined with the measured white segment or colour processing."""
+        return replace(given, segment=self.response.segment, processing=self.response.processing)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether light adds up, or the response says how it does not."""
+        return self.adds_up or self.response.segment is not None or self.response.processing is not None
 
     @property
     def adds_up(self) -> bool:
@@ -96,7 +101,7 @@ def light_level(projector: tuple[int, int]) -> Level:
     return Level("ramps and primaries", LazyPatterns(len(colours), paint))
 
 
-def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
+def measure_light(captures: Sequence[NDArray[np.floating]], room: Reference) -> ProjectorLight:
     """Evaluate the captures of `light_level`; InputError if all well-lit pixels are saturated."""
     primaries = [_mean(room, captures, range(PRIMARIES + i, len(captures), 3)) for i in range(3)]
     templates = [_Template(room, light) for light in (room.light, *primaries)]
@@ -109,7 +114,7 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
     own, whole = (np.ones((len(CODES), len(COLOURS))) for _ in range(2))  # shares of the own template and of white
     own[0], whole[0] = 0, 0
     whole[-1] = [white.share(light) for light in (room.light, *primaries)]
-    parts = _Primaries(room, primaries)
+    parts = Primaries(room, primaries)
     added = np.zeros((len(CODES), 3))
     added[-1] = parts.shares(room.light - sum(primaries))
     for code in range(1, len(INNER) + 1):
@@ -154,7 +159,7 @@ def _grey(codes: NDArray[np.uint8]) -> FloatArray:
     return np.repeat(codes[:, None] / 255.0, 3, axis=1)
 
 
-def _mean(room: Reference, captures: Captures, numbers: range) -> FloatArray:
+def _mean(room: Reference, captures: Sequence[NDArray[np.floating]], numbers: range) -> FloatArray:
     """Returns the mean light above black, (camera pixels, 3), with one capture in memory at a time."""
     total = np.zeros_like(room.light)
     for number in numbers:
@@ -183,7 +188,7 @@ class _Template:
         return float(np.vdot(self._weights, light)) / self._whole if self.tells else 0.0
 
 
-class _Primaries:
+class Primaries:
     """Decomposes light into primaries by least squares, weighted by the noise, where white is well lit."""
 
     def __init__(self, room: Reference, primaries: Sequence[FloatArray]) -> None:

@@ -39,6 +39,9 @@ class Store(Protocol):
     def has_curve(self, choose: Callable[[], bool]) -> bool:
         """Returns whether the captures include pictures of the camera's curve, as chosen first."""
 
+    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
+        """Returns whether the captures include colours of a projector (from 1), as chosen first."""
+
     def develop(self, response: Response) -> None:
         """Read the captures with this curve of the camera from now on."""
 
@@ -121,6 +124,10 @@ class Recorder:
     @property
     def averaged(self) -> bool:
         return self._store.averaged
+
+    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
+        """Returns whether to capture colours of a projector, as chosen first; captures of older versions have none."""
+        return self._store.has_colours(number, lambda: not self._store.has(self._count) and choose())
 
     def taken_since(self) -> tuple[int, int, float, int]:
         """Returns pictures, exposures, seconds and resumed captures since the last call."""
@@ -291,6 +298,10 @@ class Part:
 
     def in_raster(self, picture: Picture) -> Picture:
         return in_raster(picture, self._raster, self._region)
+
+    def has_colours(self, choose: Callable[[], bool]) -> bool:
+        """Returns whether this projector's captures include colours, as chosen first."""
+        return self._recorder.has_colours(self.number, choose)
 
     def taken(self) -> tuple[int, int, float, int]:
         """Returns pictures, exposures, seconds and resumed captures since the previous projector's call."""

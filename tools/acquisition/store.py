@@ -35,7 +35,15 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
 FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4 lacks halves; 3 also lacks ramps, primaries, coloured check
-OWN = ("id", "captures", "made", "finished", "repeats", "curve")  # keys of a session that do not identify its captures
+OWN = (
+    "id",
+    "captures",
+    "made",
+    "finished",
+    "repeats",
+    "curve",
+    "colours",
+)  # keys of a session that do not identify its captures
 FIX = "name another folder with --captures, or remove this one"
 
 Put = Callable[[Path, bytes], None]
@@ -110,6 +118,17 @@ class CaptureStore:
             self._record["curve"] = choose()
             self._write()
         return bool(self._record["curve"])
+
+    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
+        """Returns whether the captures include colours of a projector, as chosen before the first of them.
+
+        number : of the projector, from 1.
+        """
+        chosen: list[bool] = self._record.setdefault("colours", [])
+        if len(chosen) < number:
+            chosen.append(not self._record.get("finished", False) and choose())
+            self._write()
+        return chosen[number - 1]
 
     def develop(self, response: Response) -> None:
         """Read the captures with this curve of the camera from now on."""

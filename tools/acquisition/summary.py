@@ -110,6 +110,7 @@ class ProjectorReport:
             f"capture {noise:.2g} % of the brightest",
             *([str(done.averaged)] if done.averaged else []),
             *([f"camera: {done.curve}"] if done.curve else []),
+            *([f"camera: {done.wander}"] if done.wander and done.wander.is_worth_a_line else []),
         ]
 
     @property
@@ -125,6 +126,13 @@ class ProjectorReport:
             said.append(
                 f"colour: grey is up to {100 * (white - 1):.0f} % brighter than its red, green and blue: a white "
                 f"segment, which is taken out, so that white is {100 / white:.0f} % of the projector's; "
+                f"{100 * light.crosstalk:.1f} % of a camera channel's light is its neighbours'"
+            )
+        elif light and light.response.processing:
+            factors = np.array(light.response.processing.samples)
+            said.append(
+                f"colour: the light of a primary depends on the other codes, from {100 * factors.min():.0f} to "
+                f"{100 * factors.max():.0f} % of its share of white, which is taken out; "
                 f"{100 * light.crosstalk:.1f} % of a camera channel's light is its neighbours'"
             )
         elif light:
@@ -159,7 +167,7 @@ class ProjectorReport:
     def warnings(self) -> list[str]:
         """Lines about what a user should fix."""
         light = self.acquisition.light
-        of_light = [] if light is None or light.adds_up or light.response.segment else [_not_adding(light)]
+        of_light = [] if light is None or light.is_explained else [_not_adding(light)]
         of_light += self._other_response()
         if self.off_colour and not of_light:
             of_light.append(OFF)

@@ -1,0 +1,162 @@
+"""Find the gain of each capture where a camera's brightness wanders, as with an automatic white balance.
+
+A capture of drive p is g (T p + e), with a gain g per channel. The captures of white at the beginning tell how far
+gains spread. From LEAST on, captures are divided by their gains, for which there is evidence of two kinds:
+
+border : camera pixels that white lights little see g e + a F, where a picture of one colour shows a share of the
+    floodlight F. The other camera pixels tell a. A border with noise counts less: g is shrunk towards 1.
+closure : the captures of a scheme's level add up to floodlit rooms in every camera pixel, Σ_k (h_k c_k − e) = cover T·1
+    with h = 1 / g. Least squares over bright pixels fit h, with h = 1 as a prior.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Reference, mean_of, measure_noise
+
+LEAST = 0.005  # spread; lamps and exposures that are steady stay below it
+REPORTED = 0.01  # spread from which on the report says so
+DIM = 2.0  # multiple of the room's light up to which the floodlight may light the border
+FEWEST = 50  # camera pixels of a border
+WELL_LIT = 20  # multiple of the noise of a dark capture
+MOST_PIXELS, MOST_CAPTURES = 1 << 12, 1 << 11  # of the least squares of a level
+UNCLOSED = 0.002  # share of the floodlight that a level may miss, because its faintest light is not shown again
+SURE = 1e-4  # least deviation that remains in a steadied capture
+
+
+@dataclass(frozen=True)
+class Wander:
+    """The wandering gain of a camera.
+
+    spread : (3,). Standard deviation of a capture's gain; 0 if all channels are below LEAST.
+    border : (camera pixels,). Camera pixels that white lights little; none for a steady camera.
+    room : black and white, without the wander.
+    """
+
+    spread: FloatArray
+    border: BoolArray
+    room: Reference
+
+    def __str__(self) -> str:
+        unseen = "" if self.border.any() else ", but not out of its colours, because no border of the view stays dark"
+        return (
+            f"the gain of captures wanders by {100 * float(self.spread.max()):.1f} %, which is taken out of T{unseen}; "
+            "lock exposure, gain and white balance"
+        )
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the gain wanders."""
+        return bool(self.spread.any())
+
+    @property
+    def is_worth_a_line(self) -> bool:
+        return bool(self.spread.max() > REPORTED)
+
+    def steadied(self, captures: Captures | Sequence[NDArray[np.floating]]) -> LazyPatterns[FloatArray]:
+        """Returns captures of pictures of one colour, divided by the gains that their border tells."""
+        return LazyPatterns(len(captures), partial(self._steady, captures))
+
+    def closed(self, captures: Captures, cover: int) -> Captures:
+        """Returns a level's captures divided by gains with which they add up to `cover` floodlit rooms."""
+        if not (self.is_active and cover and 1 < len(captures) <= MOST_CAPTURES):
+            return captures
+        pixels, room = self._bright, self.room
+        seen = np.stack([captures[index].reshape(-1, 3)[pixels] for index in range(len(captures))]).astype(np.float64)
+        light, dark = room.light[pixels], room.black.reshape(-1, 3)[pixels]
+        missing = cover * light + len(captures) * dark - seen.sum(axis=0)
+        noise = room.noise.averaged(captures.repeats)
+        variance = len(captures) * noise.dark**2 + noise.gain * light + (UNCLOSED * light) ** 2
+        prior, gains = captures.repeats / np.maximum(self.spread, SURE) ** 2, np.ones((len(captures), 3))
+        for i in range(3):
+            A, weighted = seen[:, :, i], seen[:, :, i] / variance[:, i]
+            rest = np.linalg.solve(weighted @ A.T + prior[i] * np.eye(len(A)), weighted @ missing[:, i])
+            gains[:, i] = 1 / (1 + rest)
+        return Divided(captures, gains)
+
+    @property
+    def left(self) -> FloatArray:
+        """Standard deviation of the gain that remains in a steadied capture, (3,)."""
+        return np.asarray(self.spread * np.sqrt(1 - self._border.trust)) if self.border.any() else self.spread
+
+    def gain(self, capture: NDArray[np.floating]) -> FloatArray:
+        """Returns the gain of a capture (camera height, camera width, 3): (3,)."""
+        light, seen, border = self.room.light, capture.reshape(-1, 3), self._border
+        share = np.sum(border.lit * self.room.above_black(capture), axis=0)
+        found = np.sum(border.weights * (seen - share * light)[self.border], axis=0)
+        return np.asarray(1 + (found - 1) * border.trust)
+
+    def _steady(self, captures: Captures | Sequence[NDArray[np.floating]], index: int) -> FloatArray:
+        seen = captures[index].astype(np.float64)
+        return np.asarray(seen / self.gain(seen)) if self.border.any() else seen
+
+    @property
+    def _bright(self) -> IntArray:
+        """Camera pixels that are well lit in all channels, at most MOST_PIXELS."""
+        lit = np.all(self.room.light > WELL_LIT * self.room.noise.dark, axis=1) & ~self.room.saturated.ravel()
+        found = np.flatnonzero(lit)
+        return found[:: max(1, -(-found.size // MOST_PIXELS))]
+
+    @cached_property
+    def _border(self) -> "_Border":
+        room, tiny = self.room, np.finfo(float).tiny
+        lit = np.where(self.border[:, None] | room.saturated.reshape(-1, 1), 0, room.light)
+        lit = lit / np.maximum(np.sum(lit**2, axis=0), tiny)
+        dark, variance = room.black.reshape(-1, 3)[self.border], room.noise.sigma(room.light[self.border]) ** 2
+        weights = dark / np.maximum(variance, tiny)
+        whole = np.maximum(np.sum(weights * dark, axis=0), tiny)
+        return _Border(lit, weights / whole, self.spread**2 / np.maximum(self.spread**2 + 1 / whole, tiny))
+
+
+@dataclass(frozen=True)
+class _Border:
+    """What a border tells.
+
+    lit : (camera pixels, 3). Weights of light above black, whose sum is the share of the floodlight.
+    weights : (border pixels, 3). Weights of the border's light, whose sum is the gain.
+    trust : (3,). Share of the gain's deviation from 1 that is no noise.
+    """
+
+    lit: FloatArray
+    weights: FloatArray
+    trust: FloatArray
+
+
+class Divided:
+    """Captures divided by gains, (captures, 3)."""
+
+    def __init__(self, captures: Captures, gains: FloatArray) -> None:
+        self._captures, self._gains = captures, gains.astype(np.float32)
+
+    @property
+    def repeats(self) -> int:
+        return self._captures.repeats
+
+    def __len__(self) -> int:
+        return len(self._captures)
+
+    def __getitem__(self, index: int) -> NDArray[np.floating]:
+        return np.asarray(self._captures[index] / self._gains[index])
+
+
+def wander_of(room: Reference, black: Sequence[FloatArray], white: Sequence[FloatArray]) -> Wander:
+    """Returns the wander of a camera, from its captures of black and of the floodlit room."""
+    light, used = room.light, ~room.saturated.ravel()
+    whole = np.maximum(np.sum(light[used] ** 2, axis=0), np.finfo(float).tiny)
+    gains = np.stack([np.sum(light[used] * room.above_black(each)[used], axis=0) / whole for each in white])
+    by_noise = np.sum(light[used] ** 2 * room.noise.dark**2, axis=0) / whole**2
+    spread = np.sqrt(np.maximum(gains.var(axis=0, ddof=1) - by_noise, 0))
+    border = used & np.all(light < DIM * room.black.reshape(-1, 3), axis=1)
+    if spread.max() < LEAST:
+        return Wander(np.zeros(3), np.zeros_like(border), room)
+    alike = [each / gain for each, gain in zip(white, np.maximum(gains, LEAST), strict=True)]
+    room = replace(room, noise=measure_noise(black, alike))
+    if np.count_nonzero(border) < FEWEST:
+        return Wander(spread, np.zeros_like(border), room)
+    steadied = Wander(spread, border, room).steadied(white)
+    return Wander(spread, border, replace(room, floodlight=mean_of(steadied)))
