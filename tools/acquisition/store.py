@@ -35,15 +35,8 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
 FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4 lacks halves; 3 also lacks ramps, primaries, coloured check
-OWN = (
-    "id",
-    "captures",
-    "made",
-    "finished",
-    "repeats",
-    "curve",
-    "colours",
-)  # keys of a session that do not identify its captures
+# keys of a session that do not identify its captures
+OWN = "id", "captures", "made", "finished", "repeats", "curve", "colours"
 FIX = "name another folder with --captures, or remove this one"
 
 Put = Callable[[Path, bytes], None]
