@@ -410,7 +410,8 @@ def seen_through_truth(folder: Path, desired: np.ndarray, truth: Transport, room
 def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: Path, scheme: str) -> None:
     scene = small_scene(tmp_path, "wall")
     here("simulate", scene, "-o", tmp_path / "true")
-    printed = here("acquire", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired")
+    rig = "--camera", f"simulated:{scene}", "--scheme", scheme
+    printed = here("acquire", *rig, "-o", tmp_path / "acquired", "--verbose")
     said = r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"
     for pattern in (*said, r"light outside: [\d.]+ % of the projector's light"):
         assert re.search(pattern, printed)

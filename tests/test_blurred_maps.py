@@ -124,7 +124,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_commands_build_play_relight_and_compensate(room: Path, tmp_path: Path) -> None:
     out = succeed("build", room, "--report", tmp_path / "report")
-    assert "no T⁺, direct mapping (blurred light is kept in blocks of pixels)" in out.splitlines()[-1]
+    assert "no T⁺, direct mapping (blurred light is kept in blocks of pixels)" in out
     picture, shown = tmp_path / "picture.png", tmp_path / "shown.png"
     letters = np.random.default_rng(2).choice([40, 200], (*CAMERA, 1)).repeat(3, axis=2).astype(np.uint8)
     cv2.imwrite(str(picture), letters)

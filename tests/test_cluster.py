@@ -88,7 +88,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.usefixtures("workers")
 def test_windows_inverted_elsewhere_are_the_same_to_the_last_bit(room: Path, scheduler: str) -> None:
-    words = "build", room, "--inverse", "whole", "--regularize", "0.05"
+    words = "build", room, "--inverse", "whole", "--regularize", "0.05", "--verbose"
     assert "windowed: one cluster of 2 000 projector pixels" in succeed(*words)
     here = contents(room)
     succeed(*words, "--cluster", scheduler)

@@ -31,7 +31,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build a room with a map of 1200 projector pixels in one cluster."""
     folder = tmp_path_factory.mktemp("rooms") / "wall"
     write_blurred_room(folder, np.random.default_rng(7))
-    done = command(BUILD, folder, "--regularize", "0.1")
+    done = command(BUILD, folder, "--regularize", "0.1", "--verbose")
     assert done.returncode == 0, done.stderr
     assert "windowed: one cluster of 1 200 projector pixels is beyond the 1 000 inverted whole" in done.stdout
     return folder
