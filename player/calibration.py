@@ -40,9 +40,9 @@ INTERVAL = "interval.npz"
 VIEWS = viewpoints.TOML, viewpoints.FOLDER
 PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, INTERVAL, "correction", "placement.toml", "drift", *VIEWS)
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
-# tolerance of a row's sum, as text rounds it; least determinant of `colour`, which must be invertible
+# of `colour`: tolerance of a row's sum, because text is rounded; least determinant of an invertible matrix
 GREY, LEAST_COLOUR = 1e-3, 1e-3
-# Limits of white and light, in any unit. Between them, squares and a frame's sums stay within float32.
+# Limits of white and of radiance, in any unit. Within them, squares and sums over a picture fit float32.
 RADIANCE = (1e-12, 1e12)
 GAIN = (1e-6, 1e6)  # limits of one camera's light relative to another camera's
 REBUILD = (
@@ -291,7 +291,7 @@ def _read_projectors(table: Table) -> tuple[Device, ...]:
 
 
 def check_order(room: Path, others: Iterable[Path | str | None]) -> None:
-    """Raise InputError if `room` is no calibration folder but another argument is."""
+    """Raise InputError if another argument is the calibration folder instead of `room`."""
     swapped = next((other for other in others if other is not None and (Path(other) / TOML).is_file()), None)
     if swapped is not None and not (room / TOML).exists() and not viewpoints.is_set(room):
         raise InputError(f"{room}: no calibration folder, but {swapped} is one; name the room first")
@@ -382,7 +382,7 @@ def _read_primaries(files: DescribedFiles, camera: Device) -> NDArray[np.float32
 
 
 def _check_light(light: NDArray[np.float32], where: str, fix: str = REBUILD) -> None:
-    """Raise InputError for invalid radiance. Negative values may be as large as positive values, because of noise."""
+    """Raise InputError for invalid radiance. Noise may make values negative, down to minus the upper limit."""
     low, high = float(light.min()), float(light.max())
     if not (-high <= low and high <= RADIANCE[1]):  # a comparison with NaN is false
         raise InputError(

@@ -20,7 +20,7 @@ from typing import Any, NoReturn, TextIO, TypeVar
 from counterlight.errors import InputError, nearest, printable
 
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs with a script of their own
+SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs that have their own script
 LOG_INTERVAL_S = 10.0
 BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, {rate_fmt}, {remaining} left{postfix}"
 ROOM_BESIDE_LABEL = 82  # columns
@@ -30,7 +30,7 @@ JOINED = "\xa0"  # a space at which no line breaks
 NEXT = "; next: "
 WIDEST = 100  # columns of a help text; longer lines are hard to read
 
-TYPING_ERROR = 0.8  # one wrong letter in the shortest options; --report and --remote have 0.75
+TYPING_ERROR = 0.8  # least closeness; a wrong letter in the shortest option gives 0.8, --report and --remote have 0.75
 
 T = TypeVar("T")
 Arguments = argparse._ActionsContainer  # a parser or one of its groups
@@ -97,7 +97,7 @@ class _HelpAll(argparse.Action):
 
 
 class Parser(argparse.ArgumentParser):
-    """The argument parser of a verb of `counterlight`. Like every error, its errors are one line.
+    """The argument parser of a verb of `counterlight`. Its errors are one line, like all errors of commands.
 
     A separate script may stand for the verb. argcomplete completes arguments in shells.
 
@@ -208,7 +208,7 @@ def _hanging(line: str) -> str:
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
     """Run a command's body. Returns the exit code: 0 done, 2 bad input, 130 interrupted. Other exceptions pass."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as for stderr, because file names need not be text
+        sys.stdout.reconfigure(errors="backslashreplace")  # as for stderr; file names may be invalid text
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up on `kill` as on Ctrl-C
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         signal.signal(signal.SIGHUP, signal.default_int_handler)  # clean up when the terminal closes

@@ -22,9 +22,9 @@ from counterlight.raster import Region, Shape, side_by_side
 
 TABLE_SIZE = 1024
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
-MOST_SAMPLES = 1 << 12  # largest table of a white segment
+MOST_SAMPLES = 1 << 12  # most samples in the table of a white segment
 BRIGHTEST = 20.0  # largest light of a white segment, relative to the white of the primaries
-MOST_ROWS = 1 << 16  # rows of a measured table, one per code of a 16-bit camera
+MOST_ROWS = 1 << 16  # most rows of a measured table: one per code of a 16-bit camera
 _SRGB_KNEE = 0.04045
 Matrix: TypeAlias = tuple[tuple[float, ...], ...]  # rows
 PQ_PEAK = 10_000.0  # cd/m² of the highest code
@@ -149,7 +149,7 @@ class Response:
         return np.stack([np.interp(light, column, grid) for column in columns], axis=-1).astype(np.float32)
 
     def processing_table(self) -> NDArray[np.float32]:
-        """Return the table of the colour processing for the player, of ones without it; see `Processing.table`."""
+        """Return the player's table of the colour processing (`Processing.table`); ones if there is no processing."""
         if self.processing is None:
             return np.ones((CELLS, CELLS, CELLS, 3), np.float32)
         inverse, at = self.inverse_table().astype(np.float64), np.linspace(0, 1, TABLE_SIZE)

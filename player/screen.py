@@ -1,8 +1,8 @@
 """The screen that several cameras share: the place on it that each camera pixel sees (docs/cameras.md).
 
-The cameras' pictures stand below each other in one raster (thesis eq. 4.7). T, the maps and the light are therefore
-those of one large camera. The user places a picture on the screen. The target of a camera pixel is the picture at the
-place that the pixel sees.
+The cameras' pictures stand below each other in one raster (thesis eq. 4.7). One large camera in their place would have
+the same T, maps and ambient light. The user places a picture on the screen. The target of a camera pixel is the picture
+at the place that the pixel sees.
 """
 
 from dataclasses import dataclass

@@ -25,7 +25,7 @@ MOST_VIEWS, FARTHEST = 64, 1e6
 JOIN = "join the views again: counterlight join VIEW… --at X[,Y]… -o FOLDER"
 LEAST = 1e-6  # smaller shares count as 0, so that a view is reached exactly
 ROUNDING = 1e-9  # relative to the places' extent
-LIFT = 1e-7  # relative to the squared extent: decides between equally good triangles, such as in a grid
+LIFT = 1e-7  # random lift, relative to the squared extent; decides between equally good triangles
 
 FloatArray = NDArray[np.float64]
 Points: TypeAlias = tuple[tuple[float, float], ...]

@@ -24,7 +24,7 @@ Source: TypeAlias = Path | BufferedReader  # a path, or an open file
 CHUNK = 1 << 20
 MAX_BYTES = 17 << 30  # limit of every checked file; the largest map is hashed in seconds
 MAX_TOML_BYTES = 1 << 20  # a calibration of 8 projectors with measured responses has 0.2 MB
-MOST_PARTS = 32  # parts of a dotted key; tomllib's time grows with their square, times the lines below their [header]
+MOST_PARTS = 32  # parts of a dotted key; tomllib's time grows with their square, and with the lines below a [header]
 LONG_INTEGER = "an integer of more than 64 bits"
 # Only possible keys matter here. Strings, numbers and comments are skipped in one step each.
 _PART = r"""(?:[\w+-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""

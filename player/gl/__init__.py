@@ -1,7 +1,7 @@
 """OpenGL: the only importer of moderngl and glfw.
 
 Holds the device, which draws the passes of counterlight.passes with their shaders, and the window. OpenGL's flipped
-rows exist only here. Whoever makes a texture, canvas or pass releases it. Read next: device.py.
+rows exist only here. The maker of a texture, canvas or pass releases it. Read next: device.py.
 """
 
 import os as _os

@@ -95,7 +95,11 @@ class GlSums:
             self._run()
 
     def estimate(self) -> NDArray[np.float32]:
-        """Return the radiance, (height, width, channels), or −bound where unknown (0: only black); then restart."""
+        """Return the radiance, (height, width, channels), and restart the sums.
+
+        An unknown radiance is returned as −bound; the radiance is at least `bound`, and 0 says that only black was
+        seen.
+        """
         if self._waiting:
             self._run()
         latest, _ = self._sums[1 - self._passes % 2]

@@ -1,8 +1,9 @@
 """Fills a monitor with a window that is black, undecorated and in place before it is first visible, and stays so.
 
 On X11, the window manager is not involved, since managers interpret "full screen" differently. openbox fills the
-monitor with the pointer, others decorate first and fill later, and any of them may die. The window is therefore
-override-redirect (ICCCM 4.1.10). It stays where it was put, and the server paints it black until something is drawn.
+monitor that contains the pointer. Other managers decorate first and fill later, and any manager may die. The window is
+therefore override-redirect (ICCCM 4.1.10). It stays where it was put, and the server paints it black until something is
+drawn.
 """
 
 import time

@@ -90,7 +90,7 @@ class Cluster:
             executor.shutdown(wait=False)  # cancels the remaining jobs
 
     def close(self) -> None:
-        """End a local cluster, or disconnect from another."""
+        """End a local cluster, or disconnect from an external cluster."""
         self._stack.close()
 
     def __enter__(self) -> Self:

@@ -7,9 +7,9 @@ columns of P, scaled to unit length. With w the columns' lengths, y = w ∘ t is
 
     seen = B y + Q e,        target: b = A (picture − Q e),  A = B⁻¹.
 
-As each column of B has length 1, the squared error of y equals the error of the picture seen, except for what two
-primaries share. There are three tiers. In `independent`, M₀ = B = I, so that each channel stands by itself. In
-`global`, the room has one M₀, and B = I. In `pixel`, each camera pixel also has its B.
+Each column of B has length 1. Therefore the squared error of y equals the squared error of the seen picture, except for
+the products of two primaries. There are three tiers. In `independent`, M₀ = B = I, so that each channel stands by
+itself. In `global`, the room has one M₀, and B = I. In `pixel`, each camera pixel also has its B.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ TIERS = ("independent", "global", "pixel")
 FILES = "mixing_red.exr", "mixing_green.exr", "mixing_blue.exr"
 LARGEST_INVERSE = 1e3  # largest entry of Q or A; beyond it, a thousandth of the light would decide a picture's colour
 UNLIMITED = RADIANCE[1]
-SWEEPS = 3  # 60 sweeps bring a light that exceeds the range by a fifth only 0.005 % nearer
+SWEEPS = 3  # for a light that exceeds the range by a fifth, 60 sweeps end only 0.005 % nearer
 ROUNDING = 1e-3  # allowed error of a sum that was written as text or as float32
 
 
@@ -133,9 +133,9 @@ class Mixing:
         return grey_reach(self.inverse, full, ambient)
 
     def shared(self, share: NDArray[np.float32]) -> "Mixing":
-        """Return the mixing if the maps' transport gives only a share of the visible light.
+        """Return the mixing for maps whose transport gives only a share of the visible light.
 
-        B / share makes A ask for only that share.
+        The result holds B / share, so that A asks for only that share.
 
         share : (camera height, camera width).
         """

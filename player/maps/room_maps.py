@@ -106,7 +106,8 @@ class RoomMaps:
     details : further entries of the manifest: options, clusters, bounds.
     refinement : None if it was left out, when the maps were built or read.
     mixing : mixing of the primaries; the maps exclude it.
-    bounded : whether b is limited to 0..T·1, so that no camera pixel gets an impossible target; False for chapter 5.
+    bounded : whether b is limited to 0..T·1, so that no camera pixel gets an impossible target; False for the thesis'
+        method (chapter 5).
     words : None if there are none, or if they were not requested.
     """
 
@@ -135,13 +136,13 @@ class RoomMaps:
 
     @property
     def correction_in_steps(self) -> float:
-        """Cost of T⁺ b in steps of refinement (T p and Tᵀ r), by number of entries; 0 without refinement."""
+        """Entries of T⁺ relative to the entries of one step of refinement (T and Tᵀ); 0 without refinement."""
         undo = sum(part.count for part in self.undo.factors) if self.undo else 0
         return (self.correction.count + undo) / self._entries_of_a_step
 
     @property
     def direct_in_steps(self) -> float:
-        """Cost of direct mapping in steps of refinement; 0 without refinement."""
+        """Entries of direct mapping relative to the entries of one step of refinement; 0 without refinement."""
         return 0.0 if self.refinement is None else self.refinement.direct.count / self._entries_of_a_step
 
     @property
@@ -157,7 +158,7 @@ class RoomMaps:
         """Return every distinct map by its folder, relative to correction/."""
         maps, further = {".": self.correction, "transport": self.transport}, self.refinement
         maps |= _named("far", self.far)
-        maps = maps | _named("undo", self.undo) | maps  # U is the far light's
+        maps = maps | _named("undo", self.undo) | maps  # `far` and `undo` share U; the far light's U is kept
         if further is not None:
             maps |= {"dual": further.dual, "direct": further.direct, **_named("dual", further.far_dual)}
         maps |= _named("blurred", self.blurred)

@@ -1,4 +1,4 @@
-"""THE CONTRACT: a sparse matrix as two textures (thesis 5.2), the one format of T, Tᵀ, T⁺ and their factors.
+"""The contract of build and player: the format of T, Tᵀ, T⁺ and their factors as two textures each (thesis 5.2).
 
 A row of the matrix computes one pixel of the output picture: out[i] = Σ_k weight[k] · source[index[k]], per channel.
 The *lookup texture* (output resolution) says where a row starts and how long it is. The *entries texture* holds (w_R,
@@ -40,7 +40,7 @@ OpenFile: TypeAlias = Callable[[Path], AbstractContextManager[BufferedReader]]
 
 @dataclass(frozen=True)
 class SparseRows:
-    """A sparse matrix per channel, with one shared pattern, in compressed rows; it applies to (pixels, 3).
+    """Sparse matrices in compressed rows, one per channel, with shared indices; they multiply pictures (pixels, 3).
 
     indptr : (rows + 1,).
     indices : (entries,). Source pixel.
@@ -75,7 +75,7 @@ class SparseRows:
 
     @cached_property
     def transposed(self) -> "SparseRows":
-        """The transposes as rows; gathering is twice as fast as scattering."""
+        """The transposes, stored as rows, because gathering is twice as fast as scattering."""
         from counterlight.maps.products import transpose
 
         indptr, indices, weights = transpose(*self._operands, self.columns)
@@ -83,7 +83,7 @@ class SparseRows:
 
     @cached_property
     def _operands(self) -> tuple[NDArray[np.uint64], NDArray[np.uint32], NDArray[np.floating]]:
-        """Operands with unsigned indices, which spare Numba a wraparound check: a sixth less time."""
+        """Operands with unsigned indices. Numba then omits a wraparound check, which saves a sixth of the time."""
         indptr, indices = self.indptr.astype(np.int64, copy=False), self.indices.astype(np.int32, copy=False)
         return indptr.view(np.uint64), indices.view(np.uint32), np.ascontiguousarray(self.weights)
 
@@ -101,7 +101,7 @@ class SparseRows:
         return self.transposed.apply(picture)
 
     def sums(self) -> NDArray[np.float64]:
-        """Return the sum of every row, (rows, 3): `apply` to ones, without Numba."""
+        """Return the sum of every row, (rows, 3). `apply` to a picture of ones gives the same, but needs Numba."""
         rows, count = self.rows, self.shape[0]
         return np.stack([np.bincount(rows, weights, count) for weights in self.weights.T], axis=1)
 

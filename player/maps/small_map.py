@@ -1,9 +1,9 @@
 """A sparse matrix in words of 4 bytes: T ≈ diag(C) W, with one picture of colours C, and integer weights.
 
-A row of T is nearly a weight times a colour of the camera pixel: T_k[i,j] = C_k(i) · code_k[i,j]. Most codes are equal
-for red, green and blue and then take one word, as does a code of a single channel; three different codes take two
-words. The transpose has the same codes, and its source is the picture times C. Both are therefore exact transposes of
-each other, and colours are stored once. tools/inverse/words_fit.py chooses colours and codes.
+Each entry in a row of T is nearly a weight times the camera pixel's colour: T_k[i,j] = C_k(i) · code_k[i,j]. Most codes
+are equal for red, green and blue and then take one word, as does a code of a single channel; three different codes take
+two words. The transpose has the same codes, and its source is the picture times C. T and Tᵀ in words are therefore
+exact transposes of each other, and colours are stored once. tools/inverse/words_fit.py chooses colours and codes.
 
 A row is a run of words. From the lowest bit: 3 bits for the kind, 13 for the distance from the previous source pixel,
 16 for the code. The code is a small float, so that small and large weights have the same relative precision: fraction
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from counterlight.maps.row_map import SparseRows
 
-JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 for red, green, blue alone
+JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # kinds of words; kinds 1, 2 and 4 hold a code of red, green or blue alone
 OTHERS = -1  # green and blue of THREE
 FRACTION_BITS, MOST_SHIFT = 12, 6
 LARGEST_CODE = ((2 << FRACTION_BITS) - 1) << MOST_SHIFT

@@ -150,7 +150,7 @@ def _sound(made: Words, pixels: int) -> bool:
 class RoomWords:
     """The maps of T and Tᵀ in words, by the name of the row map that each replaces (RoomMaps.named).
 
-    used : largest used share of the allowed change, if the room is played at the maps' own white.
+    used : largest change of the picture by the words, as a share of the allowed change, at the maps' own white.
     """
 
     maps: Mapping[str, WordMap]

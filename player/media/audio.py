@@ -138,7 +138,7 @@ class Track:
             self._lock.notify()
             if len(pairs):
                 self._plan = self._heard = heard_at_s + ahead / RATE, begin_s
-                self._heard_until_s = heard_at_s + 2 * count / RATE  # by then the output must have asked for more
+                self._heard_until_s = heard_at_s + 2 * count / RATE  # the output must ask again before this time
             else:
                 self._heard = None
         return out

@@ -130,7 +130,7 @@ def slot_planes(ring: mmap.mmap, pixels: PixelFormat, slot: int) -> tuple[NDArra
 
 
 def format_from_json(fields: dict[str, Any]) -> PixelFormat:
-    """Invert dataclasses.asdict."""
+    """Rebuild a PixelFormat from the result of dataclasses.asdict."""
     return PixelFormat(**fields | {"planes": tuple(PlaneShape(**plane) for plane in fields["planes"])})
 
 

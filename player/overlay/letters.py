@@ -36,7 +36,7 @@ def write(
     at : (x, y) in pixels.
     scale : factor of TEXT_HEIGHT.
     fill : grey value, 0 to 255.
-    anchor : Pillow's; other than left-aligned text uses only one font.
+    anchor : Pillow's anchor. Text that is not left-aligned uses only one font.
     """
     left, base = at
     if anchor[0] != "l":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Picture = TypeVar("Picture")  # a picture as its backend holds it: a texture or an array
 Array: TypeAlias = NDArray[np.float32]  # a picture of the CPU backend: (height, width, channels), contiguous
 Numbers: TypeAlias = NDArray[np.floating] | tuple[float, ...]
-NOTHING = np.zeros((0, 0, 0), np.float32)  # for a kernel: no picture
+NOTHING = np.zeros((0, 0, 0), np.float32)  # stands for a missing picture in the arguments of a kernel
 CHANNELS = 3
 
 

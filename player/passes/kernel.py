@@ -3,8 +3,8 @@
 Pictures are (rows, columns, channels) float32, contiguous. Each kernel fills `out` and allocates at most a few rows.
 Cores share the rows, and one core computes each value in a fixed order. The output is therefore the same bytes on every
 run, for any number of threads. Arithmetic is float32, as in the shaders; long sums are accumulated in float64. Kernels
-hold Python's lock, so that the show and the estimating thread never start parallel loops at the same time. With Numba's
-own thread pool ("workqueue"), that would end the process.
+hold Python's lock, so that the show and the estimating thread never start parallel loops at the same time. Simultaneous
+loops would end the process with Numba's own thread pool ("workqueue").
 """
 
 from collections.abc import Callable

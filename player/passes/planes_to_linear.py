@@ -27,7 +27,7 @@ class Rendition:
 
     ootf : γ − 1 of HLG; 0 for none.
     top : light of the medium's peak; brighter light is treated as equal to it.
-    gain : (samples,). Over ⁴√(light / top), 0..1.
+    gain : (samples,). Factor of the light, at equal steps of ⁴√(light / top) from 0 to 1.
     matrix : (3, 3). From the medium's primaries to the screen's.
     """
 
@@ -44,7 +44,7 @@ class Signal:
     decoding : decoding of the samples.
     lift : added to every code.
     lut : table applied to codes within 0..1 before the transfer; None for none.
-    transfer : (samples,). Light over the code 0..1.
+    transfer : (samples,). Light at equal steps of the code from 0 to 1.
     rendition : conversion of the light; None if the light is the screen's own.
     """
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.media.frames import Frame
 
-REACHABLE_SHARE = 0.9  # share of the camera pixels that count
-# pixels darker than that share of the bright pixels count as dark paint
+REACHABLE_SHARE = 0.9  # share of the counted camera pixels that must reach the white level
+# a pixel darker than FRACTION_OF_BRIGHT times this percentile counts as dark paint
 BRIGHT_PERCENTILE, FRACTION_OF_BRIGHT = 99.0, 0.05
 QUIETEST = 1e-30  # a mean squared error below this counts as 0
 # CUT: mean change of the code values, in full scale; THUMBNAIL: samples along the shorter side

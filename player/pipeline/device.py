@@ -126,7 +126,7 @@ class StoredMap(Protocol[Picture]):
     def source_shape(self) -> tuple[int, int]: ...
 
     def product(self, combining: Combining = "") -> Product[Picture]:
-        """Return a product. If the maps weigh, the last part of T also accepts "WEIGHED_RESIDUAL", the source of Tᵀ."""
+        """Return a product. If the maps weigh, the last part of T can compute "WEIGHED_RESIDUAL", the source of Tᵀ."""
 
     def release(self) -> None: ...
 

@@ -28,7 +28,7 @@ from counterlight.raster import Region
 from counterlight.writing.replacing import replacing_folder
 
 FOLDER, FILE, AMBIENT, SHARE, FORMAT = "drift", "drift.toml", "ambient.exr", "share.exr", 1
-FARTHEST = 0.5  # in the projector's longer side: largest allowed move of a corner
+FARTHEST = 0.5  # largest allowed move of a corner, as a share of the projector's longer side
 GAIN = 0.05, 20.0
 MARGIN = int(WHOLE + FADE) + TAPS // 2  # mirrored pixels around the picture
 LEAST_SHARE = 0.05

@@ -23,8 +23,8 @@ Corner: TypeAlias = tuple[float, float]
 # clockwise from the picture's upper left, in shares of the view
 Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]
 FILE, FORMAT = "placement.toml", 1
-FARTHEST = 2.0  # in views: how far outside the view a corner may lie
-SMALLEST_TURN = 1e-4  # in square views: smallest cross product of two adjacent sides
+FARTHEST = 2.0  # how far outside the view a corner may lie, in widths or heights of the view
+SMALLEST_TURN = 1e-4  # smallest cross product of two adjacent sides, in areas of the view
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,9 @@ from counterlight.files.tables import Table
 
 STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
-STEPS_OF_A_STILL = 128  # for stills, which have time; with 64 steps, coarse out-of-focus cameras are 0.7 dB short
-GOOD_ENOUGH_DB = 0.1  # below the optimum; not visible
-CLEAN_DB = 1.0  # below the best measured value; hard to see
+STEPS_OF_A_STILL = 128  # stills have time; 64 steps lose 0.7 dB with coarse unfocused cameras
+GOOD_ENOUGH_DB = 0.1  # this far below the optimum, a picture shows no difference
+CLEAN_DB = 1.0  # this far below the best measured value, the difference is hard to see
 MOST_OFFERED = 16  # largest number of steps offered in a window
 GREY = 0.5
 OVER_RELAXATION = 0.6
@@ -58,7 +58,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class Curve:
-    """dB below the optimum by steps: a power law in steps + 1 between and beyond the measured points."""
+    """Curve of dB below the optimum by steps. Power laws in steps + 1 connect and extend the measured points."""
 
     steps: tuple[int, ...]
     decibels: tuple[float, ...]
@@ -162,12 +162,12 @@ class StepBudget:
     """Chooses the steps that fit in the available time.
 
     interval_s : seconds per frame, or the allowed time.
-    most : largest number of steps, and then also the first number; without it the first number is 1.
+    most : largest number of steps, at which the count begins; without `most`, the count begins at 1.
     least : smallest number of steps, regardless of time.
 
-    The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. After a
-    late frame, the count that would have fitted is kept for LEAST_PATIENCE frames, since other load on the machine may
-    pass. Each failed try doubles this wait, up to PATIENCE frames.
+    The count grows by a quarter while frames end early; a frame that uses SHARE_OF_FRAME still ends in time with a
+    quarter more steps. After a late frame, the count that would have fitted is kept for LEAST_PATIENCE frames, since
+    other load on the machine may pass. Each failed try doubles this wait, up to PATIENCE frames.
     """
 
     def __init__(self, interval_s: float, most: int | None = None, least: int = 0) -> None:

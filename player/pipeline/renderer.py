@@ -42,7 +42,7 @@ from counterlight.viewpoints import Viewpoint
 class Renderer(Generic[Picture]):
     """Renders frames: `open`, then `upload` and `render` any number of times, then read results; `release` at the end.
 
-    path : the report of the way in which it multiplies with the maps.
+    path : how this renderer multiplies with the maps, for reports.
 
     No part refers back to the renderer. A reload therefore frees the replaced room at once, without waiting for garbage
     collection.
@@ -148,7 +148,7 @@ class Renderer(Generic[Picture]):
     def correct(self, correction: Correction) -> None:
         """Correct for a changed room from the next render on. Later calls allocate nothing.
 
-        The added light belongs to the first view.
+        The correction's ambient light applies to the first view.
         """
         if self._moved is None:
             self._moved = self._owner.own(CorrectedDrive(self._device, self._room, correction.projectors))

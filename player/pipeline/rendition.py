@@ -1,7 +1,7 @@
 """From a medium's own light to the room's screen: HDR is compressed below white, wide gamuts are fitted to BT.709.
 
-A medium's light is 1 at its brightest code. For PQ this is 10 000 cd/m². For HLG it is scene light, which becomes
-display light by Y_S^(γ − 1) of its luminance (ITU-R BT.2100-2, table 5). For a colour with brightest channel x,
+A medium's light is 1 at its brightest code. For PQ this is 10 000 cd/m². For HLG it is scene light. Scene light of
+luminance Y_S times Y_S^(γ − 1) is display light (ITU-R BT.2100-2, table 5). For a colour with brightest channel x,
 
     colour ← gain(x) · colour,   gain(x) = EETF(x) / (target x)       (ITU-R BT.2390-10, 5.4.1, black at 0)
 

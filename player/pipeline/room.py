@@ -129,7 +129,8 @@ def read_room(
     refinement : whether to read the maps of refinement as well, if the room has them.
     words : whether to read the maps packed in words as well, if the room has them.
 
-    A set of views is read as a whole, with one white and one start. No view keeps dark what another view sees.
+    A set of views is read as a whole, with one white and one start. No view's prior then darkens projector pixels that
+    another view sees.
     """
     if is_set(folder):
         return _read_set(folder, white, dither, start, refinement=refinement, words=words)

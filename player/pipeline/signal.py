@@ -1,8 +1,8 @@
 """The complete path from a medium's codes to light on the room's screen: the parameters of planes_to_linear.
 
-A lookup table (`lut`) acts between the viewer's controls and the transfer curve. Type native: the output codes have the
-medium's own curve and primaries. Type conversion: the output codes suit an ordinary screen, and HDR is not mapped
-again.
+A lookup table (`lut`) acts between the viewer's controls and the transfer curve. A table of type native gives codes
+with the medium's own curve and primaries. A table of type conversion gives codes for an ordinary screen, and HDR is not
+mapped again.
 """
 
 from dataclasses import replace

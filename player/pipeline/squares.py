@@ -187,7 +187,10 @@ def _pulled(square: Square, change: FloatArray, out: FloatArray) -> None:
 def _stepped(
     square: Square, drive: FloatArray, slope: FloatArray, change: FloatArray, at: FloatArray, bent: FloatArray
 ) -> FloatArray:
-    """Replace bent, (TᵀWT + P) at, by the next change. Returns (3,); positive values say that momentum leads uphill."""
+    """Replace `bent`, which is (TᵀWT + P) times `at`, by the next change.
+
+    Returns (3,), a value per channel. A positive value says that momentum leads uphill.
+    """
     height, width, _ = drive.shape
     uphill = np.zeros(3)
     for y in range(height):

@@ -1,10 +1,10 @@
 """Estimates how far a picture is below the unweighted optimum, by solving all its squares, or a sample, to the end.
 
 A certificate (refinement.py) is only a bound, and far from the true value. The errors that steps leave have high
-spatial frequency, because steps remove low frequencies first. A square solved with its surroundings held beyond a halo
-(squares.py) therefore gains the same as in the whole picture, to within a few percent. If the maps are too large for
-all squares, a random sample is drawn, with higher probability where one step gains much. Gains are divided by these
-probabilities.
+spatial frequency, because steps remove low frequencies first. A square is therefore solved alone: a halo around the
+square changes with it, and everything beyond the halo stays (squares.py). Its gain equals the gain in the whole picture
+to within a few percent. If the maps are too large for all squares, a random sample is drawn, with higher probability
+where one step gains much. Gains are divided by these probabilities.
 
 Far light couples all squares, but a single square ignores this coupling. The combined change δ is therefore applied to
 far light at the end and scaled by the best common factor: α ≤ 1 gains 2 α dᵀδ − α² ‖T δ‖², T with far light. The error

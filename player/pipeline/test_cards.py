@@ -20,11 +20,11 @@ from counterlight.response import Response
 Card = NDArray[np.float64]
 
 STEPS, NEAR_ENDS = 11, 5  # grey steps; number of codes nearest to black and to white
-SQUARES = 12  # number along the shorter side
+SQUARES = 12  # squares along the shorter side
 SPOKES = 36
 LINE_PAIRS = (1, 2, 3, 4)
 BARS = ((1, 1, 1), (1, 1, 0), (0, 1, 1), (0, 1, 0), (1, 0, 1), (1, 0, 0), (0, 0, 1), (0, 0, 0))
-SHARES = (1, 2, 3)  # rows of four that are on
+SHARES = (1, 2, 3)  # number of lit rows out of four
 TINTS = ((1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 BACKGROUND = 0.5  # sRGB code
 LINE = 0.002  # half of a line's width, relative to the shorter side; at least LEAST_LINE pixels

@@ -24,7 +24,7 @@ Targets: TypeAlias = Sequence[Target[Picture]]
 
 
 class Mean(Generic[Picture]):
-    """Weighted mean Σ λ picture of pictures of the projector's size. A single picture is returned as it is."""
+    """Computes Σ λ · picture over pictures of the projector's size. A single picture is returned as it is."""
 
     def __init__(self, device: Device[Picture], shape: tuple[int, int]) -> None:
         self._device, self._shape, self._owner = device, shape, Owner()

@@ -1,8 +1,8 @@
-"""Who may connect: parses HOST:PORT, opens sockets, refuses foreign pages, and keeps the browser's token.
+"""Decides who may connect: parses HOST:PORT, opens sockets, refuses foreign pages, keeps the browser's token.
 
 A foreign page in a browser can reach every address that the browser's machine can reach: by a form, a WebSocket, or a
-name that its owner redirects after loading (DNS rebinding). Therefore a request must name this machine by an IP address
-or another name of it, and a WebSocket must come from this page.
+host name whose owner redirects it after the page has loaded (DNS rebinding). Therefore a request must name this machine
+by an IP address or another name of it, and a WebSocket must come from this page.
 """
 
 import argparse

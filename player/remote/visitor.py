@@ -5,7 +5,8 @@
     out   {"event": "properties", "values": {"pause": true, "time-pos": 3.2}}  what has changed
     out   {"event": "known", "commands": {…}, "properties": {…}}               at first
 
-A browser that does not read is not read either, and is disconnected after a while. Too many requests are delayed.
+The process stops reading from a browser that does not read its answers, and disconnects it after a while. Too many
+requests are delayed.
 """
 
 import asyncio

@@ -5,7 +5,7 @@
     out   {"event": "property-change", "id": 1, "name": "pause", "data": true}
 
 The player's own loop serves the socket. A poll never waits and takes a few milliseconds at most. Each client has a
-bounded buffer. A client that does not read its answers is not read until it does.
+bounded buffer. The socket reads nothing more from a client until the client has read its answers.
 """
 
 import contextlib

@@ -12,7 +12,7 @@ from counterlight.pipeline.shortfall import Shortfall
 
 Steps: TypeAlias = int | Literal["auto"]
 Limit: TypeAlias = float | Literal["no"]
-WELL_WITHIN = 1 / 3  # share of the allowed decibels; below it fewer steps are tried
+WELL_WITHIN = 1 / 3  # share of the allowed decibels; at a smaller distance, fewer steps are tried
 # factors per change of the steps: smallest and largest when falling, largest when rising
 FEWEST, FEWER, MORE = 1 / 2, 3 / 4, 4.0
 FALL = 0.6  # dB below the optimum are roughly proportional to steps^-1.7
@@ -26,7 +26,7 @@ class Governor:
     usual : steps that the room needs.
     refine : steps, "auto", or None for the usual steps, fewer if frames would be late.
     budget : milliseconds that drawing a frame may take.
-    within : allowed dB below the optimum.
+    within : allowed dB below the optimum, called the promise.
     start : the start of refinement.
     offers : starts to choose from if the user gives no number of steps.
     quick : whether the correction map takes less time than direct mapping with one step. Budgets may then allow 0
@@ -35,7 +35,7 @@ class Governor:
     bare : picture of a frame without a step: "map", or "direct" if the correction map does not fit into a budget.
     step_s : seconds per step, None until a step was timed.
     notice : takes a line for the user, at most once per medium.
-    looks : estimates in a row that miss the promise before a notice.
+    looks : number of consecutive estimates that must miss the promise before a notice.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class Governor:
 
     @property
     def _least(self) -> int:
-        """Fewest steps. T⁺ b is worth showing without a step, other starts only if a budget leaves no time for one."""
+        """The fewest steps: 0 from T⁺ b, and 1 from other starts unless a budget leaves no time for a step."""
         if self.budget != "no" and (self._quick or self.bare == "direct"):
             return 0
         return int(self.start not in ("previous", "map"))

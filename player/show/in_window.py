@@ -60,7 +60,7 @@ def play_in_window(
         window = stack.enter_context(_display(options, room))
         stack.enter_context(lost_screen.farewell(farewell))
         session = _session(options, room, adjustments, window, stack, commanded=bool(remotes))
-        del room  # a reload must be able to free it
+        del room  # a reference here would keep the room in memory after a reload
 
         def shown() -> Any:
             assert isinstance(session.renderer, WindowRenderer)
@@ -118,7 +118,7 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
 
 @contextmanager
 def _without_blas() -> Iterator[None]:
-    """Keep Numba from importing scipy.linalg for a BLAS, which no pass needs: a seventh of the startup."""
+    """Keep Numba from importing scipy.linalg, which no pass needs; the import takes a seventh of the startup."""
     absent = {name: None for name in ("scipy.linalg", "scipy.linalg.cython_blas") if name not in sys.modules}
     sys.modules.update(absent)  # type: ignore[arg-type]
     try:

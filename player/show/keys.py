@@ -103,7 +103,7 @@ MEANINGS = {
     "place-save": "keep it",
     "place-cancel": "as it was",
 }
-ASIDE = ("stats", "help")  # properties that show themselves need no message
+ASIDE = ("stats", "help")  # a change of these properties is visible without a message
 
 
 class Keys:

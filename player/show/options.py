@@ -456,5 +456,5 @@ GROUPS: dict[str, dict[str, Option]] = {
     },
 }
 OPTIONS = {name: row for rows in GROUPS.values() for name, row in rows.items()}
-# for the end of a command line: needs the least of a damaged room
+# appended to a command line to show media in a damaged room; they need the fewest files
 WITHOUT_COMPENSATION = "--no-compensation", "--refine=0", "--budget=no", "--within=no", "--view=projector"

@@ -37,7 +37,7 @@ log_natively(av.logging.ERROR)
 
 @dataclass(frozen=True)
 class Coding:
-    """How a video is coded, in FFmpeg's terms. None is the default of the container, which looks lossless.
+    """How a video is coded, in FFmpeg's terms. None stands for the container's default, which looks lossless.
 
     crf : quality, from 0 (lossless or nearly so) to 63.
     """
@@ -47,7 +47,7 @@ class Coding:
     crf: float | None = None
 
     def chosen(self, path: Path) -> str:
-        """Return the codec for a file. Raises InputError if FFmpeg cannot write this coding there."""
+        """Return the codec for a file. Raises InputError if FFmpeg cannot write this coding into this container."""
         suffix = path.suffix.lower()
         given = {name: value for name, value in vars(self).items() if value is not None}
         if given and suffix not in VIDEOS:

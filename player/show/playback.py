@@ -10,12 +10,12 @@ from counterlight.media.video import MediaReader
 from counterlight.show.pacing import Pace
 
 MORE_THAN_ROUNDING_S = 1e-3
-# share of a frame's duration; a frame that ends less than this after a group's beginning belongs to the group before
+# share of a frame's duration; a frame that reaches into a group by less than this belongs to the previous group
 ROUNDING = 0.25
 TOLERATED_S = 0.02  # tolerated delay at any frame rate
 DECODER_WAIT_S = 0.002  # poll interval while a decoder is behind
 HELD_S = 0.25  # how long a late frame is held back for a newer frame
-HURRIED_S = 2.0  # how long no frame is held back after a frame was held in vain
+HURRIED_S = 2.0  # pause in holding frames back, after a frame was held in vain
 
 
 @dataclass

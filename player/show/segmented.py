@@ -144,7 +144,7 @@ def _of_fewer(found: int, count: int, film: Film, lead_in: int | None) -> str:
 def _rendered(rendering: Rendering, segments: Sequence[Segment], workers: Workers) -> Stats:
     """Render the missing segments. Returns the counts of all segments."""
     if rendering.backend == "cpu":
-        compile_passes()  # once, not in each process
+        compile_passes()  # once here, instead of in each worker
     stats = Stats()
     left = [segment for segment in segments if segment.facts is None]
     if len(left) < len(segments):

@@ -1,8 +1,8 @@
-"""A frame's way from the film to the screen: the frame that is due is uploaded, rendered, presented and counted.
+"""Takes each frame from the film to the screen: uploads, renders, presents and counts the frame that is due.
 
-`Session.step` begins the way, and its methods follow in the order of their calls. Changes of the medium come last, with
-the properties that keys and remotes control. playback.py decides which frame is due, programme.py which medium is next.
-This module knows no OpenGL; the display and the clock are arguments.
+`Session.step` comes first, followed by the methods that it calls, in the order of the calls. The methods that change
+the medium, and the properties that keys and remotes control, come last. playback.py decides which frame is due,
+programme.py which medium is next. This module knows no OpenGL; the display and the clock are arguments.
 """
 
 import time
@@ -38,7 +38,7 @@ from counterlight.show.stats import Stats
 TIMED_INTERVAL_S = 0.5  # shortest time between frames whose stages are timed
 MOST_REDRAWS = 12  # redraws of a picture that stays on the screen until its steps suffice
 LONGEST_WAIT_S = 0.05  # longest wait before the decoder and the remotes are polled; keys wake the window at once
-AHEAD_S = 10.0  # how long before a medium ends the next is opened; starting a decoder takes 0.3 s of a processor
+AHEAD_S = 10.0  # the next medium is opened this long before a medium ends; a decoder starts in 0.3 s
 OPENING_WAIT_S = 0.01  # longest wait while a medium is being opened
 
 
@@ -48,8 +48,9 @@ class Session:
     opener : finds and opens media.
     room : the room that the session plays in.
     governor : chooses the steps of each frame; None for no steps.
-    appraised : whether every picture is compared with the optimum, and not only on request or for a promise.
-    lasting : whether the show continues whatever happens to its media.
+    appraised : whether the distance from the optimum is estimated for every picture. Otherwise it is estimated on
+        request, or if the user has set a limit (`within`).
+    lasting : whether the show continues even if its media fail.
     unattended : whether the show runs without an operator. Notices then appear over the picture only if `osd` asks for
         them.
     screenshots : folder of screenshots.
@@ -102,7 +103,7 @@ class Session:
         self.image_display_duration, self.keep_open = playing.image_display_duration, playing.keep_open
         self.fade, self.crossfade_s = Fade(playing.fade_s, clock), playing.crossfade_s
         self._leaving: Leaving | None = None
-        self._faded = 1.0, 0.0  # last rendered picture: share of the light, and share of the leaving medium
+        self._faded = 1.0, 0.0  # last render: share of the light, weight of the leaving medium
         self._quitting = False
         self._undrawn: str | None = None  # why the last frame could not be drawn
         self.on_present: Callable[[Page | None, bool], None] | None = None  # takes the page, and whether all is black
@@ -209,7 +210,7 @@ class Session:
             self.notice(advice)
 
     def _took_over(self, frame: Frame) -> bool:
-        """Whether a reloaded renderer, if any, has drawn the frame and replaced the old renderer."""
+        """Whether a reloaded renderer has drawn the frame and has thereby replaced the old renderer."""
 
         def drawn(renderer: AnyRenderer) -> None:
             renderer.upload(frame)
@@ -285,7 +286,7 @@ class Session:
                 frame=self.stats.frames,
                 timed=timed,
             )
-        except DrawingError as error:  # an edited shader that no earlier frame has used; the last picture stays
+        except DrawingError as error:  # an edited shader that is drawn for the first time; the last picture stays
             if not self._draws:
                 raise
             if self._undrawn != str(error):
@@ -300,7 +301,7 @@ class Session:
         self._steps_made += steps
 
     def _keep_pace(self, frame: Frame, playback: Playback, drawn_s: float) -> None:
-        """Show fewer frames, evenly, if even the fewest steps take too long. Show more when there is time again."""
+        """Show only every n-th frame if even the fewest steps take too long. Lower n once there is time again."""
         pace = playback.pace
         if pace is None:
             return
@@ -308,7 +309,7 @@ class Session:
             self.governor.slow_to(pace.shown_s)
 
     def _appraise(self) -> None:
-        """Estimate the distance from the optimum if it is needed, and redraw a lasting picture if that helps."""
+        """Estimate the distance from the optimum if needed. Redraw a still picture if other steps improve it."""
         wanted = self._appraised or self.appraisal.asked or self.show_stats or self.governor.within != "no"
         try:
             if wanted and self._draws and self._uploaded:
@@ -388,12 +389,12 @@ class Session:
         self.renderers.open(pixels, self.adjustments, crossfade=crossfade)
 
     def _every(self, rate: float) -> int:
-        """Return n for a new medium, so that showing every n-th frame keeps about the present rate."""
+        """Return n for a new medium: showing every n-th frame keeps about the present frame rate."""
         pace = None if self.playback is None else self.playback.pace
         return 1 if pace is None else max(round(pace.shown_s * rate), 1)
 
     def _look_ahead(self) -> None:
-        """Prepare the next medium's passes and sound before the present medium ends, at any frame rate."""
+        """Prepare the next medium's passes and sound AHEAD_S before the present medium ends."""
         if self.playback is None or self.programme.over or not self._ends_within(AHEAD_S):
             return
         opening = self.programme.look_ahead()
@@ -412,7 +413,7 @@ class Session:
         return soon and playback.ends_within(self.crossfade_s) and self.programme.next_waits
 
     def _keep(self) -> str:
-        """Return what remains after the end: "no", "yes", "always" or "black"."""
+        """Return what stays on the screen after the end: "no", "yes", "always" or "black"."""
         usual = "black" if self.display.fullscreen else "no"
         return usual if self.keep_open == "auto" else self.keep_open
 
@@ -520,7 +521,7 @@ class Session:
 
     @property
     def manner(self) -> Playback | Manner:
-        """The object that holds loop, pause and speed."""
+        """The object that holds whether media loop and pause, and their speed."""
         return self.playback or self._manner
 
     @property

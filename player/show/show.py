@@ -91,7 +91,7 @@ class Show:
             for act in self._polled:
                 act()
             self.step()
-            for remote in self._remotes:  # now, because the next frame is as far away as possible
+            for remote in self._remotes:  # right after a frame, when the most time is left before the next
                 remote.poll(self.commands)
             if self._heartbeat is not None and self._heartbeat.due:
                 self._heartbeat.beat(facts(session))

@@ -44,7 +44,7 @@ class Stats:
         self._stages: dict[str, deque[float]] = {}
         self._late_counts = [0] * len(LATE_LABELS)
         self._last_late_s: float | None = None
-        self._changing = 0  # frames of CHANGE still to come
+        self._changing = 0  # how many of the CHANGE frames are still to come
         self._shown_at: deque[float] = deque(maxlen=FEW)
         self._recent: deque[tuple[float, dict[str, int]]] = (
             deque()

@@ -35,10 +35,10 @@ from counterlight.unattended.watch_link import (
 from counterlight.unattended.watcher import Watcher
 
 BURST, BURST_EVERY_S = 4, 0.8  # pictures of consecutive frames, and the time between two bursts
-STANDS_S = 0.2  # the picture of a frame that stays this long is sent, even between bursts
+STANDS_S = 0.2  # time on the screen after which a frame's picture is sent even between bursts
 SETTLED_S = 0.004  # time for a GPU to draw the copies, so that reading them does not wait
 KEPT_EVERY_S, MOST_KEPT = 20.0, 2160  # rows of the history: twelve hours
-GAIN = 0.5, 1.5  # limits of the light of a correction
+GAIN = 0.5, 1.5  # limits of a correction's gain, the factor of the light
 MOST_CELLS = 12, 16
 FAULTS = "no camera", "not the room", "camera moved", "camera changed", "acquire again"  # states that are reported
 AGAIN_S = 600.0  # shortest time until the same state is reported again
@@ -208,7 +208,7 @@ class Watching:
             "added_light": round(float(ambient.mean()) / room.white, 4),
         }
         playback = session.playback
-        if playback is None or playback.paused or playback.reader.info.still:  # no frame follows soon
+        if playback is None or playback.paused or playback.reader.info.still:  # no frame comes soon
             session.changed()
 
     def _tell(self) -> None:

@@ -5,9 +5,9 @@ An answer is as long as its question, and a question changes nothing. Everyone w
 position of the show.
 
 A question leaves at time a. Its answer arrives at time c, and holds the other clock's time b. If both directions take
-equally long, the other clock is ahead by b − (a + c) / 2. In any case this is right within ± (c − a) / 2 (Cristian
-1989). Delays come in bursts, so the quickest round trips are the most accurate. The estimate is the median of the
-quickest quarter of the last 32 round trips.
+equally long, the other clock is ahead by b − (a + c) / 2. The error of this difference is at most (c − a) / 2 in any
+case (Cristian 1989). Delays come in bursts, so the quickest round trips are the most accurate. The estimate is the
+median of the quickest quarter of the last 32 round trips.
 """
 
 import math
@@ -65,7 +65,7 @@ PORT, EVERYWHERE = 7325, "0.0.0.0"
 MAGIC = b"CLc1"
 MESSAGE = struct.Struct("!4sBxxxIIddiddd")  # magic, state, run, number, asked, answered; item, media, at, speed
 PAUSED, MOVING = 1, 2  # bits of the state
-FIRST_ASKED_S, ASKED_S = 0.05, 0.2  # time between questions: until the clock is known, and afterwards
+FIRST_ASKED_S, ASKED_S = 0.05, 0.2  # time between questions until the leader's clock is known, and afterwards
 SILENT_S = 3.0  # time without an answer after which the leader counts as silent
 UNANSWERED = 64  # number of questions whose answers are still accepted
 LATEST = 1e12  # largest accepted time

@@ -95,7 +95,7 @@ class Notifier:
 
 
 class Heartbeat:
-    """Reports a show's facts, at most once per interval. Other calls cost only a look at the clock.
+    """Reports a show's facts, at most once per interval. Other calls only read the clock.
 
     A line holds `time` (Unix, seconds), `pid`, `rss_bytes`, `fps` (frames shown since the last line) and the facts.
 

@@ -29,9 +29,9 @@ from counterlight.command import BAD_INPUT, DONE, INTERRUPTED, tell
 from counterlight.unattended.heartbeat import INTERVAL_S, Inbox, Notifier, read_facts
 from counterlight.unattended.hours import Keeper, Schedule
 
-SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
+SILENCE_S = 3.0  # three heartbeats; with the longest back-off, the next player starts after 5 s
 START_S = 60.0  # time to read the maps and compile the shaders
-ENDING_S = 10.0  # longest time from a request to end, or the player's own farewell, to its end
+ENDING_S = 10.0  # longest time that a process takes to end after a request or its farewell
 BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 2.0
 MOST_CRASHES, WINDOW_S = 5, 600.0
 PROGRESS_S = 1.0  # a player that advanced less than this is not resumed at the same place
@@ -114,7 +114,7 @@ class Child:
         """Return the variables received since the last call, the newest value of each."""
         told = self._inbox.drain()
         now = time.monotonic()
-        # the second case: the supervisor itself was stopped
+        # a long time since the last look says that the supervisor itself was stopped; this silence does not count
         if (told and not self.ending) or now - self._looked > 10 * _POLL_S:
             self._heard = now
         self._looked = now
@@ -205,7 +205,7 @@ class Supervisor:
     curtain : shows black.
     notifier : reports to the service manager that started the supervisor.
     plays : whether the schedule says that the show plays now.
-    below : whether the curtain also runs below a player.
+    below : whether the curtain also runs while a player runs, in windows below the player's windows.
     """
 
     def __init__(

@@ -62,7 +62,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Light:
-    """The light of a displayed frame. A frame stands until the time of the next one.
+    """The light of a displayed frame. A frame stays on the screen until the time of the next frame.
 
     time_s : when the frame was shown.
     grid : (*GRID, 3) float32. Linear drive, mean over the cells of a grid.
@@ -122,9 +122,9 @@ class Answer:
     reason : why, in words.
     projectors : θ to apply, one entry per projector; empty before the first estimate.
     ambient : rows of columns of three numbers, at most 12 × 16, in screen primaries: light added to the calibrated
-        ambient light. The field covers the camera picture and is interpolated between the middles of its cells. It is
-        multiplied by the picture in `folder`/PAINT, (camera height, camera width, 3) float16, which is there from the
-        first answer with an ambient on. Empty for no change.
+        ambient light. The field covers the camera picture and is interpolated between the middles of its cells. The
+        player multiplies the field by the picture in the file PAINT of Start.folder, (camera height, camera width, 3)
+        float16. The file exists once an answer has an ambient. Empty for no change.
     confidence : 0 to 1.
     latency_s : time from the display of a frame to the end of its exposure; 0 if unknown.
     captures : captures compared with their prediction.

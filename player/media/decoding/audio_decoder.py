@@ -1,6 +1,6 @@
 """The audio decoder process: `python -m counterlight.media.decoding.audio_decoder`, started only by media/audio.py.
 
-Reads from stdin the medium, then orders: JSON lines {"serial": n, "time_s": t, "speed": v}. Writes blocks to stdout:
+Reads the medium from stdin, then orders as JSON lines {"serial": n, "time_s": t, "speed": v}. Writes blocks to stdout:
 HEADER (serial, samples), then that many stereo pairs of float32 at RATE. The first pair is at `time_s` of the medium,
 and `speed` media seconds last one second. A block of 0 samples marks the end; serial −1 says that there is no sound.
 """
@@ -64,7 +64,7 @@ def decoded(medium: Medium, time_s: float, speed: float) -> Iterator[Samples]:
         tempo, lacking = _tempo(speed), None
         for frame in chain(container.decode(stream), [None]):
             for pairs in (_pairs(piece) for piece in resampler.resample(frame)):
-                if lacking is None:  # at the first samples: how many come too early (negative) or are missing
+                if lacking is None:  # samples missing before the first; negative: too early
                     assert frame is not None
                     lacking = round(((frame.time or 0.0) - origin_s - time_s) * RATE)
                     if lacking > 0:

@@ -233,7 +233,7 @@ class FfmpegSource:
             declared = sum(float(part) * unit for part, unit in zip(clock.groups(), (3600, 60, 1), strict=True))
         else:
             return None
-        # These two count from zero, even if the first picture comes later.
+        # These two formats count the duration from time 0, even if the first picture comes later.
         counts_from_zero = self._container.format.name in ("avi", "matroska,webm")
         return declared - max(0.0, float((self._origin or 0) * time_base)) if counts_from_zero else declared
 

@@ -15,7 +15,7 @@ from counterlight.media.decoding.source import Decoded, FormatChangedError
 from counterlight.media.medium import STEADY_S, LiveAddress, Medium
 
 RETRY_S = (0.5, 1.0, 2.0, 5.0)  # pauses between attempts to reopen; the last value repeats
-MUTE_S = 10.0  # limit without a picture among the received packets; the sender has then changed its streams
+MUTE_S = 10.0  # longest time that packets arrive without a picture; the sender has then changed its streams
 DAMAGE_REPORT_S = 60.0  # time between two notices about damaged pictures
 _FIX = "check the address, and that nobody else uses the device"
 _OPTIONS = {"fflags": "nobuffer", "flags": "low_delay"}

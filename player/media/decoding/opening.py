@@ -1,7 +1,7 @@
 """Opens media with FFmpeg, restricted to chosen files, formats and protocols; passes on FFmpeg's messages.
 
-A film may itself be a list of other media (HLS, ffconcat, SDP), under any name. FFmpeg would open what it lists: other
-files, pipes, addresses. FORMATS omits these formats.
+A film may itself be a list of other media (HLS, ffconcat, SDP), under any name. FFmpeg would open everything on such a
+list: other files, pipes, addresses. FORMATS omits the formats of lists.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from counterlight.errors import InputError
 from counterlight.media.medium import LiveAddress, Medium
 
 OPEN_S, READ_S = 10.0, 5.0  # FFmpeg's time limits for networks
-_PICTURES = "image2"  # recognised by suffix; for a name `*.y` it also opens the files with suffix u and v
+_PICTURES = "image2"  # FFmpeg recognises it by suffix; for a name `*.y` it also opens `*.u` and `*.v`
 _STREAMS = "rtsp,rtp"
 # Demuxers whose pictures are all in one file or stream.
 FORMATS = (

@@ -22,7 +22,7 @@ from counterlight.media.frames import PixelFormat, PlaneShape
 Plane = NDArray[Any]
 
 MAX_PIXELS = 1 << 26  # 8192², 800 MB as float32 RGB; a larger size indicates a damaged or hostile header
-_MATRICES = {1: "bt709", 4: "bt601", 5: "bt601", 6: "bt601", 7: "bt709", 9: "bt2020", 10: "bt2020"}  # 7: SMPTE 240M
+_MATRICES = {1: "bt709", 4: "bt601", 5: "bt601", 6: "bt601", 7: "bt709", 9: "bt2020", 10: "bt2020"}  # 7 is SMPTE 240M
 _TRANSFERS = {1: "bt1886", 4: "gamma22", 5: "gamma28", 6: "bt1886", 7: "bt1886", 8: "linear", 11: "bt1886"}
 _TRANSFERS |= {13: "srgb", 14: "bt1886", 15: "bt1886", 16: "pq", 18: "hlg"}
 _PRIMARIES = {9: "bt2020", 11: "p3", 12: "p3"}  # DCI-P3's white is treated as the screen's white
@@ -148,7 +148,7 @@ def display_rotation(frame: av.VideoFrame) -> tuple[int, bool]:
 def _side_data(frame: av.VideoFrame, name: str) -> bytes | None:
     try:
         side_data: list[Any] = list(frame.side_data)  # elements are SideData, although PyAV's annotation says str
-    # PyAV 18 fails on EXIF side data and then lists none at all; a mirrored EXIF picture stays mirrored
+    # PyAV 18 fails on EXIF side data, and then lists no side data; a mirrored EXIF picture stays mirrored
     except ValueError:
         return None
     return next((bytes(data) for data in side_data if data.type.name == name), None)
