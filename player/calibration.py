@@ -58,7 +58,8 @@ class Device(Raster):
     response : code value -> light.
     monitor : name of the projector's monitor, if it is known.
     colour : (3, 3), ≥ 0, rows of sum 1, so that grey stays grey. Converts a drive of the primaries that all projectors
-        of a raster share into a drive of the projector's own primaries. None if its own primaries are used.
+        of a raster share into a drive of the projector's own primaries. None if the raster uses the projector's own
+        primaries.
     """
 
     response: Response
@@ -110,7 +111,7 @@ class Calibration:
                 f"{len(self.projectors)} projectors, a name of {len(self.name)} characters: expected at most "
                 f"{MOST_PROJECTORS} and {LONGEST_TEXT}"
             )
-        _ = self.projector  # checks its size
+        _ = self.projector  # raises an error if the raster's size is invalid
         if self.screen is not None and raster_of(self.screen.cameras) != self.camera.shape:
             raise InputError(f"a screen of cameras {self.screen.cameras} for a raster of {self.camera.shape}")
         fix = "subtract less darkness, or give light in another unit"
@@ -255,7 +256,7 @@ def read(folder: Path) -> StoredCalibration:
 
 
 def _read(folder: Path) -> StoredCalibration:
-    with suppress(OSError):  # an inaccessible folder is reported with its file
+    with suppress(OSError):  # an inaccessible folder causes an error when its file is read
         if not folder.is_dir():
             found = "a file, expected a calibration folder" if folder.exists() else "no such folder"
             raise InputError(f"{folder}: {found}; {MAKE}")
@@ -384,7 +385,7 @@ def _read_primaries(files: DescribedFiles, camera: Device) -> NDArray[np.float32
 def _check_light(light: NDArray[np.float32], where: str, fix: str = REBUILD) -> None:
     """Raise InputError for invalid radiance. Noise may make values negative, down to minus the upper limit."""
     low, high = float(light.min()), float(light.max())
-    if not (-high <= low and high <= RADIANCE[1]):  # a comparison with NaN is false
+    if not (-high <= low and high <= RADIANCE[1]):  # `not`, because a comparison with NaN is false
         raise InputError(
             f"{where}: radiance from {low:g} to {high:g}, expected numbers from 0 (a little noise below) to "
             f"{RADIANCE[1]:g}; {fix}"

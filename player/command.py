@@ -23,7 +23,7 @@ DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs that have their own script
 LOG_INTERVAL_S = 10.0
 BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, {rate_fmt}, {remaining} left{postfix}"
-ROOM_BESIDE_LABEL = 82  # columns
+ROOM_BESIDE_LABEL = 82  # columns that a progress bar needs besides its label
 CLEARED = b"\r\x1b[K"  # returns to the beginning of the line and clears it
 LAST_WORDS_S = 1.0  # longest wait for the reader of a command's last line
 JOINED = "\xa0"  # a space at which no line breaks
@@ -37,7 +37,7 @@ Arguments = argparse._ActionsContainer  # a parser or one of its groups
 
 
 class _Formatter(argparse.HelpFormatter):
-    """Prints `-o, --output FILE`, `--[no-]loop` and `--view projector|camera`, in lines of the terminal's width."""
+    """Formats help with entries such as `-o, --output FILE` and `--[no-]loop`, in lines of the terminal's width."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, width=_columns())
@@ -175,7 +175,7 @@ class Parser(argparse.ArgumentParser):
         if "_ARGCOMPLETE" in os.environ and not Parser._completes:
             import argcomplete
 
-            Parser._completes = True  # argcomplete calls the parser itself
+            Parser._completes = True  # skips the check of arguments below, because argcomplete calls the parser itself
             argcomplete.autocomplete(self)  # ends the process
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -246,7 +246,7 @@ def tell(line: str, stream: TextIO | None = None, *, patience_s: float = 0.0) ->
     stream = stream or sys.stderr
     try:
         descriptor = stream.fileno()
-    except (OSError, ValueError):  # not a system file, in a test
+    except (OSError, ValueError):  # stderr is no system file in a test
         print(line, file=stream)
         return
     start = CLEARED if stream.isatty() else b""
@@ -262,7 +262,7 @@ def status(line: str) -> None:
 
 def _write(descriptor: int, data: bytes, patience_s: float) -> None:
     with suppress(OSError, ValueError):
-        if select.select([], [descriptor], [], patience_s)[1]:  # a pipe then accepts PIPE_BUF bytes
+        if select.select([], [descriptor], [], patience_s)[1]:  # a writable pipe accepts at least PIPE_BUF bytes
             os.write(descriptor, data)
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from counterlight.arrays import brief
 from counterlight.errors import InputError
 
-LEVELS = 5  # codes per primary at which B is known
+LEVELS = 5  # codes per primary at which B is known.
 CELLS = 16  # light levels per primary of the table for the player
-LIMITS = 0.1, 10.0  # limits of B
+LIMITS = 0.1, 10.0  # smallest and largest B
 ROUNDS = 40  # rounds of the inverse; each round at least halves the error
 
 Codes = Callable[[NDArray[np.float64]], NDArray[np.float64]]

@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 from counterlight.errors import InputError
 from counterlight.files.picture_files import MAX_SIDE
 
-Shape: TypeAlias = tuple[int, int]  # (height, width)
+Shape: TypeAlias = tuple[int, int]  # (height, width) in pixels
 Shapes: TypeAlias = tuple[Shape, ...]
 
 

@@ -22,7 +22,7 @@ from counterlight.files.tables import Table
 
 FILE, CHANNELS = "screen.exr", ("X", "Y")
 MOST_CAMERAS = 64
-FARTHEST = 1e6  # pixels from the screen's upper left
+FARTHEST = 1e6  # largest distance of a position from the screen's upper left, in pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Screen:
         if self.gains is not None and self.gains.shape != (len(self.cameras), 3):
             raise InputError(f"screen: gains of shape {self.gains.shape} for {len(self.cameras)} cameras")
         for number, part in enumerate(self.parts, 1):
-            if not np.all(np.abs(self.positions[part]) <= FARTHEST):  # false for NaN
+            if not np.all(np.abs(self.positions[part]) <= FARTHEST):  # `not`, because a comparison with NaN is false
                 raise InputError(f"screen: camera {number} looks where there is no number; join the cameras again")
 
     __repr__ = brief

@@ -24,7 +24,7 @@ FORMAT, TOML, FOLDER = 1, "viewpoints.toml", "views"
 MOST_VIEWS, FARTHEST = 64, 1e6
 JOIN = "join the views again: counterlight join VIEW… --at X[,Y]… -o FOLDER"
 LEAST = 1e-6  # smaller shares count as 0, so that a view is reached exactly
-ROUNDING = 1e-9  # relative to the places' extent
+ROUNDING = 1e-9  # tolerance, relative to the places' extent
 LIFT = 1e-7  # random lift, relative to the squared extent; decides between equally good triangles
 
 FloatArray = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Places:
     def __post_init__(self) -> None:
         if not 1 <= len(self.at) <= MOST_VIEWS:
             raise InputError(f"{len(self.at)} views, expected 1 to {MOST_VIEWS}")
-        if not np.all(np.abs(self._at) <= FARTHEST):  # false for NaN
+        if not np.all(np.abs(self._at) <= FARTHEST):  # `not`, because a comparison with NaN is false
             raise InputError(f"views at {self.at}: expected numbers from {-FARTHEST:g} to {FARTHEST:g}")
         for one, other in combinations(range(len(self.at)), 2):
             if np.abs(self._at[one] - self._at[other]).max() <= ROUNDING * self._extent:
@@ -81,7 +81,7 @@ class Places:
             if each[best].min() >= -ROUNDING:
                 shares[corners[best]] = np.clip(each[best], 0, 1)
                 return shares
-        shares[self._edges[0, 0]] = 1  # for a single view
+        shares[self._edges[0, 0]] = 1  # a single view has the whole share
         if len(self.at) > 1:
             start, along = self._at[self._edges[:, 0]], np.diff(self._at[self._edges], axis=1)[:, 0]
             t = np.clip(((point - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0, 1)
@@ -96,7 +96,7 @@ class Places:
         corners, _ = self._triangles
         if len(corners):
             return np.unique(np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
-        order = np.lexsort(self._at.T)  # all on a line
+        order = np.lexsort(self._at.T)  # all places are on a line
         return np.stack([order[:-1], order[1:]], axis=1) if len(order) > 1 else np.zeros((1, 2), np.int64)
 
     @cached_property

@@ -6,7 +6,7 @@
 // Pass: player/passes/combine.py.
 uniform sampler2D now, before;
 uniform float weight;
-uniform float gain = 1.0;  // units of `now` in one of `before`
+uniform float gain = 1.0;  // light of one unit of `before`, in units of `now`
 
 out vec4 result;
 

@@ -12,7 +12,7 @@ uniform sampler2D picture, near, near_white, near_ambient, ambient, most, candid
 #ifdef SCALES
 uniform sampler2D tone;
 #endif
-uniform ivec2 tile, stride;      // pixels of a tile, and from sample to sample
+uniform ivec2 tile, stride;      // pixels of a tile, and pixels between two samples
 uniform float white, budget;
 
 out vec4 sums;

@@ -1,5 +1,5 @@
 #version 330 core
-// Colours pixels whose target is beyond what can be shown, by the amount.
+// Colours pixels whose target is beyond what can be shown. The strength shows by how much.
 //
 // Inputs, all of one size: `view`, linear light; `asked`, the target. Targets from 0 to 1 can be shown; with MOST, targets
 //   from 0 to `most`, whose alpha is 0 where a pixel does not count.

@@ -6,9 +6,9 @@
 //   TONE replaces the picture by s (k + (1 − k) unit · picture) + o. k is the black level, and (s, o) is the one texel of
 //   `tone` (player/pipeline/content.py).
 //   MIXED multiplies the light by each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py).
-//   FULL limits the light to what each pixel can reach by itself, 0 to `full`, T·1. With MIXED, the limited light is the
-//   light that the camera sees as nearest; `squares` is Q Qᵀ.
-// Output: b, radiance, of their size.
+//   FULL limits the light to what each pixel can reach by itself, 0 to `full`, T·1. With MIXED, the result is the light
+//   within these limits that the camera sees nearest to the target; `squares` is Q Qᵀ.
+// Output: b, radiance, of the inputs' size.
 // Pass: player/passes/desired.py.
 uniform sampler2D picture;
 uniform sampler2D ambient;
@@ -27,7 +27,7 @@ uniform mat3 squares;
 
 const int SWEEPS = 3;
 
-// One limit after another; the other primaries compensate a primary that is limited (nearest in player/maps/mixing.py).
+// Applies one limit after another; other primaries compensate for a limited one (nearest in player/maps/mixing.py).
 vec3 nearest(vec3 light, vec3 most, mat3 rows) {
     if (light == clamp(light, vec3(0.0), most)) return light;
     mat3 spread = transpose(rows) * squares * rows;

@@ -7,8 +7,8 @@
 // SEGMENT, two rows per projector: the darkest primary over √light, and the white segment's light, which is subtracted
 // from the primaries, over the square root of that primary; `processing` with PROCESSED: 1 / √B over √light (blue along
 // x; one texel row per projector, red and green).
-// Defines: SEVERAL, for projectors that differ, the height of a row of them; MIXED; SEGMENT; PROCESSED, the samples of B
-// per primary; DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
+// Defines: SEVERAL, the height of a row of projectors, if projectors differ; MIXED; SEGMENT; PROCESSED, the samples of
+// B per primary; DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / highest.
 // Pass: player/passes/encode.py.
 uniform sampler2D picture;

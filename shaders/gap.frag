@@ -2,7 +2,7 @@
 // Computes each projector pixel's share of the gap Σ max(g p, g (p − 1)), which bounds the distance to the best drive.
 //
 // Inputs: `descent`, −g = Tᵀ(b − T p); `p`, the drive; of one size.
-// Output: the share, ≥ 0, of their size.
+// Output: the share, ≥ 0, of the inputs' size.
 // Pass: player/passes/certificate.py.
 uniform sampler2D descent, p;
 

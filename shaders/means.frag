@@ -1,5 +1,5 @@
 #version 330 core
-// Means of the cells of a picture's parts, for the watcher (docs/watch.md).
+// Computes the means of the cells of a picture's parts, for the watcher (docs/watch.md).
 //
 // Inputs: `source`; `parts`, one row of three texels per part: (left, top, columns), (width, height, rows), and (extent in
 // x, extent in y, 0). Cell i of n along an axis starts at pixel i · extent / n of the part, rounded down.

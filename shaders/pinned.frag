@@ -10,7 +10,7 @@
 // Pass: player/passes/pinned.py.
 uniform sampler2D source;
 uniform mat3 to_source;    // target (or screen) position -> source position, pixels, homogeneous
-const float TINY = 1e-12;  // pixels: a width that may be divided by
+const float TINY = 1e-12;  // smallest width to divide by, in pixels
 #ifdef SCREEN
 uniform sampler2D across, down;
 #endif

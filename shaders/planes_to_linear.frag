@@ -23,8 +23,8 @@ uniform vec3 lut_low, lut_span;
 #endif
 #ifdef RENDITION
 uniform sampler2D gain;
-uniform float ootf, top;       // of HLG: the system gamma less 1; the medium's peak
-uniform mat3 to_screen;        // primaries
+uniform float ootf, top;       // HLG's system gamma minus 1; light of the medium's peak
+uniform mat3 to_screen;        // from the medium's primaries to the screen's
 #endif
 uniform ivec2 stored_size;     // of plane 0, before rotation
 uniform ivec2 chroma_size;     // of planes 1 and 2
@@ -87,7 +87,7 @@ vec3 tetrahedral(vec3 code) {
 
 #ifdef RENDITION
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722), LUMINANCE_2020 = vec3(0.2627, 0.6780, 0.0593);
-const float LEAST = 1e-6;  // of a denominator
+const float LEAST = 1e-6;  // smallest denominator
 
 vec3 within_gamut(vec3 colour) {
     float grey = clamp(dot(colour, LUMINANCE), 0.0, 1.0);

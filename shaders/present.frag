@@ -6,8 +6,8 @@
 uniform sampler2D picture;
 uniform sampler2D overlay;
 uniform ivec2 window_size;
-uniform ivec4 region;      // left, top, width, height of what is shown of the picture
-uniform ivec4 place;       // left, top, width, height of that in the window
+uniform ivec4 region;      // left, top, width, height of the shown part of the picture
+uniform ivec4 place;       // left, top, width, height of this part in the window
 
 out vec4 encoded;
 

@@ -4,7 +4,7 @@
 // Inputs: `seen`, light under full drive; `ambient`, light without drive; `mask`, not 0 inside; of one size.
 // Defines: MIXED: `seen` is without ambient light, and grey is mixed by each pixel's matrix, `row_red`, `row_green`,
 //   `row_blue` (grey_reach in player/maps/mixing.py); `unlimited` is the grey where a primary is not needed.
-// Output: that grey; alpha 1 inside the mask where every channel is lit, 0 elsewhere.
+// Output: the grey of each primary; alpha 1 inside the mask where every channel is lit, 0 elsewhere.
 // Pass: player/passes/reach.py.
 uniform sampler2D seen, ambient;
 uniform usampler2D mask;

@@ -1,9 +1,9 @@
 #version 330 core
 // Takes one accelerated projected gradient step towards min ½ Σ w (T p − b)² + ½ pᵀP p, 0 ≤ p ≤ 1 (player/pipeline/refinement.py).
 //
-// Inputs, all of the projector's size: `descent`, TᵀW(b − T y); `y`, the point of that gradient; of P `damping`, `right` and
-//   `down`: η and the ties to the pixels on the right and below (player/maps/prior.py); `p`, the drive of the step before;
-//   `step_size`, 0 where no camera pixel is lit, which keeps the pixel dark.
+// Inputs, all of the projector's size: `descent`, TᵀW(b − T y); `y`, the point of that gradient; `damping`, `right` and
+//   `down`, the parts of P: η and the ties to the pixels on the right and below (player/maps/prior.py); `p`, the drive
+//   of the step before; `step_size`, 0 where no camera pixel is lit, which keeps the pixel dark.
 // Outputs: `next_p`, the drive, 0..1; `next_y`, the point of the next gradient.
 // Defines: SLOPE outputs only `slope`, TᵀW(b − T y) − P y.
 // Pass: player/passes/refinement_step.py.
@@ -18,7 +18,7 @@ layout(location = 0) out vec4 next_p;
 layout(location = 1) out vec4 next_y;
 #endif
 
-vec3 tied(sampler2D ties, ivec2 pixel, ivec2 neighbour, vec3 from) {  // what a tie, stored at `pixel`, draws `from` by
+vec3 tied(sampler2D ties, ivec2 pixel, ivec2 neighbour, vec3 from) {  // pull on `from` by the tie stored at `pixel`
     return texelFetch(ties, pixel, 0).rgb * (from - texelFetch(y, neighbour, 0).rgb);
 }
 

@@ -8,7 +8,7 @@
 uniform sampler2D source;
 uniform int axis;          // 0: x, 1: y
 uniform float origin;      // where the picture starts along the axis, target pixels
-uniform float extent;      // how long it is there, target pixels
+uniform float extent;      // length of the picture along the axis, target pixels
 
 out vec4 linear_rgb;
 

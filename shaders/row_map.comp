@@ -1,9 +1,10 @@
 #version 430 core
-// Multiplies a picture by a sparse matrix, LANES invocations per output pixel (thesis 5.2); row_map.frag does so in fragments.
+// Multiplies a picture by a sparse matrix, LANES invocations per output pixel (thesis 5.2); row_map.frag does the same
+// with fragments.
 //
 // Inputs: `Rows` and `Entries` in the layout of player/maps/sliced_map.py: the rows of a workgroup have about equal length,
 //   and their entries are interleaved; `source`, the picture. One index serves the three channels.
-// Defines: GROUP, LANES; those of product.glsl.
+// Defines: GROUP, LANES; the defines of product.glsl.
 // Output: `target`, output size, one value per row and channel.
 // Pass: player/passes/product.py.
 #include "lanes.glsl"

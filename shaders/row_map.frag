@@ -3,9 +3,9 @@
 //
 // Inputs: `lookup`, output size, (x, y, length) of the row's first entry; `entries`, (w_R, w_G, w_B, index) with
 //   index = x + y·SOURCE_WIDTH; `source`, the picture.
-// Defines: SOURCE_WIDTH, compiled in because the division by a uniform took most of the time on llvmpipe;
-//   WIDE_INDEX reads the index from a texture of its own; TILED draws only rows whose entries lie in the `lines` lines
-//   from `first_line` on, which this tile of the entries texture holds; those of product.glsl.
+// Defines: SOURCE_WIDTH, compiled in because the division by a uniform took most of the time on llvmpipe; WIDE_INDEX
+//   reads the index from a texture of its own; TILED draws only rows whose entries lie in the `lines` lines from
+//   `first_line` on, which this tile of the entries texture holds; the defines of product.glsl.
 // Output: one value per row and channel, output size.
 // Pass: player/passes/product.py.
 uniform usampler2D lookup;
@@ -30,7 +30,7 @@ void main() {
 #ifdef TILED
     texel.y -= first_line;
     if (row.z > 0u && (texel.y < 0 || texel.y >= lines)) {
-        discard;  // another tile's; rows without entries are in all of them
+        discard;  // the row is in another tile; rows without entries are in every tile
     }
 #endif
     int end = texel.x + int(row.z);

@@ -1,9 +1,9 @@
 #version 330 core
 // Multiplies a picture by a sparse matrix of 4-byte words, one output pixel per fragment; row_map.frag uses 16-byte entries.
 //
-// Inputs: `rows`, output size and one more line, the row's first word and, if COLOURED, its colour; `words`, WORDS_ACROSS
-//   per line; `source`, the picture; `scale`, of the codes.
-// Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; those of product.glsl.
+// Inputs: `rows`, output size and one more line, the row's first word and, if COLOURED, its colour; `words`,
+//   WORDS_ACROSS per line; `source`, the picture; `scale`, the scale of the codes.
+// Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; the defines of product.glsl.
 // Output: one value per row and channel, output size.
 // Pass: player/passes/product.py.
 uniform usampler2D rows, words;

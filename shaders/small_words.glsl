@@ -1,6 +1,7 @@
 // Runs of 4-byte words (player/maps/small_map.py): Σ code ∘ source, and the row's trust if the run holds it.
 //
-// The including file must define `source`, the picture, `uint word_at(uint k)`, and SOURCE_WIDTH. `scale` is of the codes.
+// The including file must define `source`, the picture, `uint word_at(uint k)`, and SOURCE_WIDTH. `scale` is the scale
+// of the codes.
 #include "product.glsl"
 
 uniform float scale;

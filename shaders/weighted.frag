@@ -1,5 +1,5 @@
 #version 330 core
-// Multiplies a picture by weights: errors by the trust in a camera pixel, drives by how little of them is seen.
+// Multiplies a picture by weights: errors by the trust in a camera pixel, drives by the share that no camera sees.
 //
 // Inputs: `picture`; `weights`, of its size.
 // Defines: SQUARED squares the picture first.

@@ -18,7 +18,7 @@ from counterlight.errors import InputError, shown
 from counterlight.files.reading import read_bytes
 
 SIZES = 2, 65
-MAX_BYTES = 32 << 20  # 65³ lines of a hundred characters
+MAX_BYTES = 32 << 20  # more than 65³ lines of a hundred characters
 FIX = "export it again as a .cube file of 17 to 65 samples along each axis"
 _DIGITS = tuple("0123456789+-.")
 

@@ -88,7 +88,7 @@ def _attributes(file: BinaryIO, most: int) -> dict[str, bytes]:
     """Return name -> value of one header, empty at the end of the headers."""
     found: dict[str, bytes] = {}
     while name := _name(file):
-        _name(file)  # its type, which the library checks
+        _name(file)  # skips the attribute's type, which the library checks
         (length,) = struct.unpack("<i", _take(file, 4))
         if not 0 <= length <= most or name in found or len(found) >= MOST_ATTRIBUTES:
             raise ValueError("its header is damaged or too long")
@@ -116,7 +116,7 @@ def _part(attributes: dict[str, bytes], *, tiled: bool, size: int, most: int) ->
     rows, columns = chunk or (min(LINES.get(compression, MOST_LINES), height), width)
     if rows * columns * part.pixel_bytes > MAX_CHUNK_BYTES:
         raise ValueError(f"chunks of {columns}x{rows} pixels of {len(channels)} channels")
-    if ceil(height / rows) * ceil(width / columns) * 8 > size:  # one offset per chunk
+    if ceil(height / rows) * ceil(width / columns) * 8 > size:  # the file must hold an offset of 8 bytes per chunk
         raise ValueError("shorter than the table of its chunks")
     return part
 
@@ -153,7 +153,7 @@ def _channels(value: bytes) -> dict[str, int]:
 
 
 def _are_alike(channels: dict[str, int]) -> bool:
-    """Whether all channels have the same kind, UINT or FLOAT, and are sorted as in the lines."""
+    """Whether all channels have one kind, UINT or FLOAT, and the header lists them in the order of the lines."""
     return list(channels) == sorted(channels) and set(channels.values()) in ({UINT}, {FLOAT})
 
 

@@ -39,7 +39,7 @@ def write_png(path: Path, picture: NDArray[Any]) -> None:
 SUFFIXES = (".png", ".jpg", ".jpeg")
 MAX_SIDE = 16384
 MAX_BYTES, EXTRA_BYTES = 1 << 30, 64 << 20  # most bytes of a file; most bytes besides its pixels
-PIXEL_BYTES = 8  # four values of 16 bits
+PIXEL_BYTES = 8  # most bytes of a pixel: four values of 16 bits
 FIX = "copy it from the camera again, or save it as PNG"
 JPEG_START = b"\xff\xd8"
 PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # channels by PNG colour type
@@ -48,7 +48,7 @@ DEFLATE_RATIO = 1032  # largest compression ratio of zlib
 JPEG_RATIO = 1024  # pixels per byte: each 8x8 block takes at least a bit
 EOI, SOS = 0xD9, 0xDA
 FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_MARKER = re.compile(rb"\xff[^\xff\x00\x01\xd0-\xd8]")  # 0: a stuffed byte of the coded picture; FF: padding
+_MARKER = re.compile(rb"\xff[^\xff\x00\x01\xd0-\xd8]")  # after FF, 0 is a byte of the picture and FF is padding
 UPRIGHT = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
 AS_STORED = UPRIGHT | cv2.IMREAD_IGNORE_ORIENTATION
 

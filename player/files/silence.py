@@ -44,7 +44,7 @@ def _redirected(descriptor: int) -> Iterator[None]:
     with _ONE:
         try:
             before = os.dup(STDERR)
-        except OSError:  # error output is closed
+        except OSError:  # the error output is already closed
             yield
             return
         try:

@@ -16,7 +16,7 @@ from counterlight.files.reading import is_below
 
 Vector = NDArray[np.float64]
 LONGEST_TEXT, MOST_TABLES, MOST_ROWS = 1000, 1000, 4096
-COMPARED = 100  # unknown keys that are compared with a missing key
+COMPARED = 100  # most unknown keys that are compared with a missing key
 
 
 class Table:

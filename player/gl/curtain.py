@@ -36,7 +36,7 @@ class Curtain:
     def follow(self, monitors: Sequence[Monitor]) -> str | None:
         """Move to the monitor's current place. monitors : the connected ones. Returns a complaint, once per problem."""
         if self._filling is None:
-            with suppress(InputError):  # the monitor may still be connected
+            with suppress(InputError):  # the monitor may be connected later
                 monitor = find_monitor(monitors, self._name)
                 self._filling = Filling(_window(monitor), monitor, Layer.CURTAIN)
             return None

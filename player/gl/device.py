@@ -30,7 +30,7 @@ from counterlight.processing import CELLS
 from counterlight.response import RasterResponse
 
 BLOCK = 16
-CODES = {8: 0x8058, 10: 0x8059}  # internal formats: RGBA8, RGB10_A2
+CODES = {8: 0x8058, 10: 0x8059}  # OpenGL's internal formats RGBA8 and RGB10_A2 by bits
 
 
 class GlDevice:
@@ -135,7 +135,7 @@ class _Encoder:
             tables = response.processing_tables()
             if tables is not None:
                 defines["PROCESSED"] = CELLS
-                rows = tables.reshape(-1, CELLS, 3)  # texel rows: projector, red, green
+                rows = tables.reshape(-1, CELLS, 3)  # one row of texels for each projector, red and green
                 self._inputs["processing"] = own(picture_texture(context, rows))
             target = context.texture((shape[1], shape[0]), 4, dtype="f1", internal_format=CODES[bits])
             self._pass = own(ShaderPass(context, encode.SHADER, target, defines, scale=scale, highest=2**bits - 1))

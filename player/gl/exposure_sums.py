@@ -1,4 +1,4 @@
-"""Radiance from exposures on the GPU (thesis 3.3.2): shaders/expose_sums.frag, pass by pass, any number of pictures."""
+"""Computes radiance from exposures on the GPU (thesis 3.3.2). Each pass of shaders/expose_sums.frag adds a batch."""
 
 from contextlib import ExitStack
 from typing import Any
@@ -11,12 +11,12 @@ from counterlight.errors import InputError
 from counterlight.gl.passes import ScreenPass, ShaderPass, float_texture
 
 BATCH = 16  # largest number of exposures per pass: one pass over the sums serves all of them
-BATCH_BYTES = 1 << 28  # bytes of code values that wait for a pass
+BATCH_BYTES = 1 << 28  # most bytes of code values that wait for a pass
 TEXELS = 4095  # per row: whole pixels of three channels, four samples per texel; every OpenGL 3.3 has rows of 4096
 SAMPLES = 4 * TEXELS
 PAGE = 256  # code values per row of the table
 SUMS = "sums", "weights", "bounds"
-SPARE_UNIFORMS = 256  # uniform components besides the curve
+SPARE_UNIFORMS = 256  # uniform components left for other uniforms than the curve
 
 
 class GlSums:

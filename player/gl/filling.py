@@ -18,7 +18,7 @@ from counterlight.gl.monitors import Monitor
 from counterlight.gl.x11 import Box
 
 CHECK_S = 0.1  # between checks of a window's place and of windows that cover it
-AWAKE_S = 30.0  # shorter than any delay after which screens are blanked
+AWAKE_S = 30.0  # between resets of the screen saver; screens are blanked later than this
 RELEASED_S = 1.0  # a window manager releases a hidden window within milliseconds
 LAYER = "_COUNTERLIGHT_LAYER"  # window property from which the windows of several processes know their order
 BYPASS = "_NET_WM_BYPASS_COMPOSITOR"
@@ -143,7 +143,7 @@ def put(handle: Any, box: Box) -> None:
 
 
 def take_keys(handle: Any) -> None:
-    """Give the keyboard to a window that fills a monitor; no window manager would do so."""
+    """Give the keyboard to a window that fills a monitor, because no window manager does."""
     if _on_x11():
         x11.take_keys(*_on_server(handle))
     else:

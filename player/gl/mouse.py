@@ -12,7 +12,7 @@ import glfw
 from counterlight.gl.presenter import Shown
 from counterlight.overlay.osd import Pointer
 
-DOUBLE_CLICK_S, DOUBLE_CLICK_PIXELS = 0.4, 8  # largest time and distance between two presses
+DOUBLE_CLICK_S, DOUBLE_CLICK_PIXELS = 0.4, 8  # largest time and distance between the presses of a double click
 
 
 class Mouse:

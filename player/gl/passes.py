@@ -15,7 +15,7 @@ from counterlight.passes.drawing import Draw, inputs_of
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 # texels converted to RGBA at a time; allocating a whole picture would take as long as copying it
 STRIP_TEXELS = 1 << 16
-FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable
+FLOAT_COMPONENTS = 4  # RGBA, because OpenGL need not draw into float textures of three components
 
 
 def float_texture(
@@ -223,6 +223,6 @@ class ShaderPass(ScreenPass):
 
     def release(self) -> None:
         super().release()
-        self._context.detect_framebuffer(0).use()  # see Canvas.release
+        self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
         self._framebuffer.release()
         self.target.release()

@@ -83,7 +83,7 @@ def _faster(context: moderngl.Context, one: GlMaps, other: GlMaps) -> GlMaps:
         known = dict(one.report.measured) or {one.report.name: products_ms(context, one)}
         try:
             known = known | {other.report.name: products_ms(context, other)}
-        except InputError:  # not enough memory for both
+        except InputError:  # the GPU has not enough memory for both maps
             known = known | {other.report.name: float("inf")}
     except BaseException:
         one.release()

@@ -1,4 +1,4 @@
-"""Windows for measuring: still pictures pixel for pixel, and a camera's live picture next to them."""
+"""Windows for measuring: one shows still pictures pixel for pixel, another shows a camera's live picture."""
 
 import moderngl
 import numpy as np

@@ -12,7 +12,7 @@ from counterlight.overlay.osd import Page, draw, scale_for
 from counterlight.overlay.outline import Points, draw_outline
 from counterlight.raster import Region
 
-Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height
+Box: TypeAlias = tuple[int, int, int, int]  # left, top, width and height, in pixels
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ class Window:
             self._set_vsync()
 
     def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool] = lambda: True) -> None:
-        """Set where the rendered view is found; the renderer is made after the window, in its context.
+        """Set where the rendered view is found, because the renderer is made later, in the window's context.
 
         drive : whether the view is the projector's, pixel by pixel; other views grow with the window.
         """
@@ -244,7 +244,7 @@ class Window:
             self._filling.end(Box(*self._windowed_at, width, height))
             self._filling = None
         self._show_cursor(not on)
-        self._set_vsync()  # some drivers lose the setting with the change
+        self._set_vsync()  # some drivers lose the swap interval when the monitor changes
 
     def move_to(self, monitor: object) -> None:
         """Move to the monitor of a name or number; a window that fills a monitor fills the new one."""
@@ -327,7 +327,7 @@ class Window:
         self._mouse.moved()
 
     def _on_character(self, _window: object, codepoint: int) -> None:
-        if codepoint != ord(" "):  # a named key
+        if codepoint != ord(" "):  # a named key such as "left", not a character
             self._keys.append(chr(codepoint))
 
     def _on_key(self, _window: object, key: int, scancode: int, action: int, modifiers: int) -> None:
@@ -364,7 +364,7 @@ def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, bit
         glfw.CONTEXT_VERSION_MINOR: version[1],
         glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE,
         glfw.OPENGL_FORWARD_COMPAT: True,
-        glfw.VISIBLE: False,  # until the window is in place
+        glfw.VISIBLE: False,  # the window is shown once it is in place
         glfw.AUTO_ICONIFY: False,  # a projector's window stays when another window gets the focus
         glfw.DEPTH_BITS: 0,
         glfw.STENCIL_BITS: 0,

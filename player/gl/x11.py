@@ -20,7 +20,7 @@ _Window, _Atom = ctypes.c_ulong, ctypes.c_ulong
 
 
 class _SetAttributes(ctypes.Structure):
-    """XSetWindowAttributes."""
+    """Xlib's structure XSetWindowAttributes."""
 
     _fields_ = [
         *((name, ctypes.c_ulong) for name in ("background_pixmap", "background_pixel", "border_pixmap", "border")),
@@ -34,7 +34,7 @@ class _SetAttributes(ctypes.Structure):
 
 
 class _Attributes(ctypes.Structure):
-    """XWindowAttributes."""
+    """Xlib's structure XWindowAttributes."""
 
     _fields_ = [
         *((name, ctypes.c_int) for name in ("x", "y", "width", "height", "border_width", "depth")),
@@ -52,7 +52,7 @@ class _Attributes(ctypes.Structure):
 
 
 class _Changes(ctypes.Structure):
-    """XWindowChanges."""
+    """Xlib's structure XWindowChanges."""
 
     _fields_ = [
         *((name, ctypes.c_int) for name in ("x", "y", "width", "height", "border_width")),
@@ -191,7 +191,7 @@ def set_unmanaged(display: Display, window: int, on: bool) -> None:
 
 
 def stack(display: Display, window: int, *, below: int | None) -> None:
-    """Raise a window to the top, or put it directly below another one."""
+    """Raise a window to the top, or put it directly below another window."""
     mask = _STACK_MODE if below is None else _STACK_MODE | _SIBLING
     changes = _Changes(sibling=below or 0, stack_mode=_ABOVE if below is None else _BELOW)
     with _tolerating(display) as xlib:

@@ -64,7 +64,7 @@ class Processes:
         self._free: SimpleQueue[_Process | None] = SimpleQueue()
         self._started: list[_Process] = []
         for _ in range(count):
-            self._free.put(None)  # started when it is needed
+            self._free.put(None)  # the process is started when a job needs it
 
     def completed(self, jobs: Sequence[Callable[[], T]]) -> Generator[tuple[int, T]]:
         numbers: dict[Future[T], int] = {self._threads.submit(self._do, job): n for n, job in enumerate(jobs)}

@@ -66,7 +66,7 @@ class Mixing:
 
     @property
     def of_camera(self) -> FloatArray | None:
-        """M₀ B of every camera pixel, or M₀: from the transport's light to camera radiance; None without mixing."""
+        """From the transport's light to camera radiance: M₀ B of every camera pixel, or M₀; None without mixing."""
         if self.neutral is None:
             return None
         return self.neutral if self.pixel is None else np.asarray(self.neutral @ self.pixel)
@@ -159,7 +159,7 @@ def mixed(matrices: Light, light: Light) -> Light:
 
 
 def spread(inverse: Light, squares: Light) -> FloatArray:
-    """Return N = A Q Qᵀ Aᵀ, the inverse of (M₀ B)ᵀ M₀ B: how the other primaries best compensate for a limited one."""
+    """Return N = A Q Qᵀ Aᵀ, the inverse of (M₀ B)ᵀ M₀ B: how other primaries compensate for a limited primary."""
     return np.asarray(inverse @ squares @ np.swapaxes(inverse, -1, -2))
 
 

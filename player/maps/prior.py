@@ -35,7 +35,7 @@ class Prior:
 
     @property
     def bound(self) -> Picture:
-        """Row sums of |P|, η + 2 Σ ω. They bound P: P ≼ diag(bound), and no eigenvalue exceeds the largest one."""
+        """Row sums of |P|, η + 2 Σ ω. They bound P: P ≼ diag(bound), and no eigenvalue of P exceeds the largest sum."""
         edges = self.right + self.down
         edges[:, 1:] += self.right[:, :-1]
         edges[1:] += self.down[:-1]

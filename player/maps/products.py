@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating]
 F = TypeVar("F", bound=Callable[..., object])
-LARGE = 1 << 16  # entries or values
+LARGE = 1 << 16  # number of entries or values from which all cores share the work
 
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read when the first parallel loop starts its threads

@@ -3,8 +3,9 @@
 A row of the matrix computes one pixel of the output picture: out[i] = Σ_k weight[k] · source[index[k]], per channel.
 The *lookup texture* (output resolution) says where a row starts and how long it is. The *entries texture* holds (w_R,
 w_G, w_B, index) with index = x + y·width of the source picture. Rows are sorted by length and never break across
-texture rows. A texture is at most 16384 texels wide, and as high as necessary. It is processed in blocks, so that
-memory holds it only once. This module writes and reads the format; counterlight.passes.product applies it.
+texture rows. A texture is at most 16384 texels wide, and as high as necessary. Textures are processed in blocks, so
+that memory holds each texture only once. This module writes and reads the format; counterlight.passes.product applies
+it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,10 +28,10 @@ from counterlight.files.exr_header import MAX_PIXELS
 from counterlight.files.tables import Table
 from counterlight.maps.shelves import MOST_TEXELS, SHORTEN, place_rows
 
-MAX_TEXTURE_WIDTH = 16384  # limit of OpenGL implementations of the last fifteen years, llvmpipe included
+MAX_TEXTURE_WIDTH = 16384  # limit of OpenGL implementations of the last fifteen years, llvmpipe included.
 MAX_FLOAT_INDEX = 1 << 24  # smaller integers are exact in float32, so an index fits the alpha channel
 TEXEL_BYTES = 16
-BLOCK = 1 << 22  # entries that are placed at a time
+BLOCK = 1 << 22  # entries that are processed at a time
 LOOKUP_CHANNELS, ENTRIES_CHANNELS = ("X", "Y", "LENGTH"), ("R", "G", "B", "A")
 
 UintArray = NDArray[np.uint32]

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from counterlight.maps.row_map import RowMap, UintArray
 
 GROUP = 64  # invocations of a workgroup
-BINS = 8  # per doubling of the length
+BINS = 8  # bins of rows per doubling of the row length
 TILE = 8
-ENOUGH = 1 << 16  # invocations that keep a GPU busy
-MOST_GROUPS = 65535  # per dispatch, the minimum that OpenGL guarantees
+ENOUGH = 1 << 16  # invocations that are enough to keep a GPU busy
+MOST_GROUPS = 65535  # most workgroups per dispatch that OpenGL guarantees
 NO_PIXEL = 0xFFFFFFFF
 
 IntArray = NDArray[np.int64]

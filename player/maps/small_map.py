@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from counterlight.maps.row_map import SparseRows
 
 JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # kinds of words; kinds 1, 2 and 4 hold a code of red, green or blue alone
-OTHERS = -1  # green and blue of THREE
+OTHERS = -1  # the word after a THREE, which holds green and blue
 FRACTION_BITS, MOST_SHIFT = 12, 6
 LARGEST_CODE = ((2 << FRACTION_BITS) - 1) << MOST_SHIFT
 FULL_TRUST = 32767
 FARTHEST_STEP, FARTHEST_JUMP = (1 << 13) - 1, (1 << 29) - 1
-FULL, HIGHEST = 4095, 63  # maximum of a colour's channel, and of its exponent
+FULL, HIGHEST = 4095, 63  # largest value of a colour's channel, and largest exponent of a colour
 WORD_BYTES = 4
 
 IntArray = NDArray[np.int64]
@@ -143,7 +143,7 @@ def coded(values: NDArray[np.floating]) -> NDArray[np.int32]:
 
 
 def _shifts(values: NDArray[np.number]) -> IntArray:
-    """Return the shift that brings a number of FRACTION_BITS + 1 bits to the size of each value."""
+    """Return by how many bits a number of FRACTION_BITS + 1 bits must be shifted to reach each value."""
     _, bits = np.frexp(values.astype(np.float64))
     return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 

@@ -35,7 +35,7 @@ from counterlight.maps.small_map import (
 )
 
 ROWS, WORDS = "rows.exr", "words.exr"
-MOST_WORDS = 1 << 27  # 512 MiB, the same as a texture of entries
+MOST_WORDS = 1 << 27  # 512 MiB of words, the same limit as for a texture of entries
 
 
 @dataclass(frozen=True)

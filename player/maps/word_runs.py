@@ -52,7 +52,7 @@ def _bits(code: int) -> int:
 def _run_lengths(
     indptr: IntArray, indices: NDArray[np.int32], codes: NDArray[np.int32], said: NDArray[np.bool_]
 ) -> IntArray:
-    """Return the words of each row, (rows,). said : (rows,), whether the row has a word for its trust."""
+    """Return the number of words of each row, (rows,). said : (rows,), whether the row has a word for its trust."""
     lengths = said.astype(np.int64)
     for row in range(lengths.size):
         before = 0

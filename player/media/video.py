@@ -19,9 +19,9 @@ from counterlight.media.medium import STEADY_S, Medium
 
 __all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
 
-OPENING_S = 10.0  # time limit for a show, which continues meanwhile
+OPENING_S = 10.0  # time limit for opening during a show, which continues meanwhile
 LIVE_OPENING_S = 20.0  # FFmpeg waits 10 s for an answer; then a key frame must arrive
-PATIENT_OPENING_S = 60.0  # time limit for callers that only wait
+PATIENT_OPENING_S = 60.0  # time limit for opening if the caller only waits
 MAX_DEATHS = 5
 SKIP_S = 1.0
 LIVE_RETRY_S = (0.0, 1.0, 2.0, 5.0)  # pauses between a live source's decoders; the last value repeats
@@ -342,7 +342,7 @@ class MediaReader:
         if self._info is None and reason != HUNG and self._arguments["hwdec"] == PROCESSOR:
             raise InputError(f"{self.medium}: {reason} while opening it; convert or export it again")
         self._deaths += 1
-        self._arguments["hwdec"] = PROCESSOR  # a driver may be the cause
+        self._arguments["hwdec"] = PROCESSOR  # a driver of the GPU may be the cause
         if self._deaths > MAX_DEATHS and not self._live:
             self._child.close()
             self._failure = f"{self.medium}: {reason} {MAX_DEATHS} times without a frame; convert the medium"

@@ -8,7 +8,7 @@ from itertools import groupby
 
 from PIL import ImageDraw, ImageFont
 
-TEXT_HEIGHT = 16  # pixels at scale 1
+TEXT_HEIGHT = 16  # height of a line of text at scale 1, in pixels
 FONT = str(resources.files("counterlight.overlay.fonts") / "DejaVuSans.ttf")
 UNWRITABLE, MISSING = "?", "\U0010ffff"  # stands for control characters; a code point in no font
 FOUND_S = 1.0  # time limit for a font query to the system

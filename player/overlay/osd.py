@@ -17,7 +17,7 @@ from counterlight.overlay.letters import plain, width, write
 from counterlight.overlay.outline import Outline
 
 SHOWN_S, FADING_S = 1.0, 0.3
-MOST_LETTERS = 1000  # longest message; drawing it takes 5 ms
+MOST_LETTERS = 1000  # longest message; drawing this takes 5 ms.
 FEWEST_LETTERS = 12  # fewest letters of a meaning per line, in any window
 MESSAGE_SIZE = 1.6
 LINE_HEIGHT, BASELINE, MARGIN, TAB_GAP, SWATCH = 24, 16, 12, 18, 14  # pixels in a window of REFERENCE_HEIGHT

@@ -20,7 +20,7 @@ Points: TypeAlias = NDArray[np.float64]  # (n, 2), x and y in shares of a pictur
 # half widths, and the width of the edge around them, in pixels of a window of REFERENCE_HEIGHT
 LINE, HANDLE, EDGE = 1, 6, 2
 INK, GROUND, SELECTED = (255, 255, 255, 255), (0, 0, 0, 255), (255, 200, 0, 255)
-MOST_POINTS = 1000  # per side
+MOST_POINTS = 1000  # most points per side of the outline
 NEARBY = 2  # largest distance, in pixels of the screen, at which a camera pixel sees a corner
 
 
@@ -52,7 +52,7 @@ def outline_of(corners: Corners, corner: int | None, camera: tuple[int, int]) ->
 
 
 def outline_on(screen: Screen, corners: Corners, corner: int | None) -> Outline:
-    """Return an outline in shares of several cameras' raster: the pixels that see the edge, and handles per view."""
+    """Return an outline in shares of several cameras' raster: the pixels that see the edge, and handles per camera."""
     at = screen.positions / np.array(screen.shape[::-1], np.float64)
     inside = _inside(corners, at)
     points, handles = [], []

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 Whole = NDArray[np.integer]
 PICTURE, PLANE, LINE = "float32[:, :, ::1]", "float32[:, ::1]", "float32[::1]"
 UNPACKING = f"uint32[:, ::1], {PICTURE}, uint32[:, ::1], int64[::1], int32[::1], {PLANE}"
-prange = range  # numba.prange in a compiled function
+prange = range  # becomes numba.prange in a compiled function
 
 
 class Compiled:
@@ -119,7 +119,7 @@ def prepare(compiling: Callable[[int], None] = lambda left: None) -> None:
     for number, (made, signature) in enumerate(wanted):
         # A signature passed as text would be cached separately from the one that a call compiles.
         types, _ = normalize_signature(f"({signature})")  # type: ignore[no-untyped-call]
-        # OSError: compiled, but the disk is full
+        # an OSError says that the disk is full, after the kernel was compiled
         listener = Compiles(partial(compiling, len(wanted) - number))
         with suppress(OSError), event.install_listener("numba:compile", listener):
             made.compile(types)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from counterlight.passes.drawing import CHANNELS, NOTHING, Array, Numbers, Pass, Picture
 from counterlight.passes.kernel import PICTURE, inlined, kernel, prange, projected, within
 
-TINY = 1e-12  # pixels: smallest width to divide by
+TINY = 1e-12  # smallest width to divide by, in pixels
 MOST_TAPS = 32  # along an axis; a wider filter takes every second or third sample, and so on
 
 

@@ -9,7 +9,7 @@ from counterlight.passes.drawing import CHANNELS, NOTHING, Array
 from counterlight.passes.kernel import PLANE, Whole, inlined, kernel, prange, within
 
 SHADER, COMPUTE_SHADER = "row_map.frag", "row_map.comp"
-WORDS_SHADER, WORDS_COMPUTE_SHADER = "small_map.frag", "small_map.comp"  # for maps in words of 4 bytes
+WORDS_SHADER, WORDS_COMPUTE_SHADER = "small_map.frag", "small_map.comp"  # shaders for maps in words of 4 bytes
 # How a product is combined with its base: not at all, base + product, base − product, or clamped to 0..1 without a
 # base. WEIGHED_RESIDUAL is w C ∘ (base − product) for maps in words (counterlight.maps.small_map), on a GPU only.
 Combining = Literal["", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP", "WEIGHED_RESIDUAL"]

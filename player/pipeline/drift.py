@@ -30,7 +30,7 @@ from counterlight.writing.replacing import replacing_folder
 FOLDER, FILE, AMBIENT, SHARE, FORMAT = "drift", "drift.toml", "ambient.exr", "share.exr", 1
 FARTHEST = 0.5  # largest allowed move of a corner, as a share of the projector's longer side
 GAIN = 0.05, 20.0
-MARGIN = int(WHOLE + FADE) + TAPS // 2  # mirrored pixels around the picture
+MARGIN = int(WHOLE + FADE) + TAPS // 2  # width in pixels of the mirrored margin around the picture
 LEAST_SHARE = 0.05
 Light: TypeAlias = NDArray[np.floating]
 
@@ -39,8 +39,8 @@ Light: TypeAlias = NDArray[np.floating]
 class Moved:
     """The drift of one projector's picture.
 
-    to_raster : N, (3, 3). Maps a position in projector pixels to the position in the calibrated raster that it now
-        lights, homogeneous, in pixels from the upper left corner.
+    to_raster : N, (3, 3), homogeneous. Maps the position of a projector pixel to the position in the calibrated raster
+        that the pixel now lights. Positions are in pixels from the upper left corner.
     gain : g, (3,). Change of each channel's light.
     """
 
@@ -235,7 +235,7 @@ def _read(stored: StoredCalibration, path: Path) -> Drift:
 def _read_share(files: DescribedFiles, camera: Device) -> NDArray[np.float32]:
     share = exr.read_described(files, SHARE, camera.shape, "the camera")[..., 0]
     low, high = float(share.min()), float(share.max())
-    if not (low >= LEAST_SHARE and high <= 1):  # also refuses NaN
+    if not (low >= LEAST_SHARE and high <= 1):  # `not`, because a comparison with NaN is false
         raise InputError(
             f"{files.folder / SHARE}: shares from {low:g} to {high:g}, expected {LEAST_SHARE} to 1; {files.fix}"
         )

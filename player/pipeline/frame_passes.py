@@ -5,7 +5,7 @@ compares `passes_of_frame` with traces of frames. Names are modules of counterli
 passes/product.py. The text after a name completes a sentence.
 """
 
-FramePasses = tuple[tuple[str, str], ...]  # name, and what it does
+FramePasses = tuple[tuple[str, str], ...]  # (name of a pass, what the pass does)
 
 TARGET: FramePasses = (
     ("planes_to_linear", "decodes code values to linear light"),

@@ -36,7 +36,7 @@ LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays 
 MOST_STEPS = 256
 FINEST_DB, WORST_DB = 1e-3, 1e3  # limits of dB values in a manifest
 SHARE_OF_FRAME = 0.8
-LEAST_PATIENCE, PATIENCE = 8, 100  # frames
+LEAST_PATIENCE, PATIENCE = 8, 100  # first and longest wait after a late frame, in frames
 
 
 def default_steps(start: str) -> int:
@@ -46,7 +46,7 @@ def default_steps(start: str) -> int:
 
 @dataclass(frozen=True)
 class Advice:
-    """The way to play a room that its maps advise: one of STARTS, and steps per frame.
+    """How a room should be played, as its maps advise: from one of STARTS, with this number of steps per frame.
 
     curves : by start, dB below the optimum by number of steps, as measured by the build.
     """
@@ -122,8 +122,8 @@ class Certificate:
 
     squared_error : (3,). E = ‖T p − b‖². In the player, over the lit camera pixels, with unlimited b.
     gap : (3,). G = Σ max(g p, g (p − 1)), with g the gradient of E/2. No drive lowers E/2 by more than G.
-    outside : light that the camera does not see, relative to the uncompensated picture; None if that picture has none,
-        or without a measurement.
+    outside : drive of projector pixels that the camera does not see, relative to the same sum of the uncompensated
+        picture; None if the latter is 0 or was not measured.
     """
 
     squared_error: NDArray[np.float64]
@@ -135,7 +135,7 @@ class Certificate:
 
     @property
     def relative(self) -> float:
-        """G over E/2, all channels."""
+        """G / (E/2), with G and E summed over the channels."""
         return float(2 * self.gap.sum() / max(self.squared_error.sum(), 1e-300))
 
     @property

@@ -87,7 +87,7 @@ class Refiner(Generic[Picture]):
 
     @cached_property
     def _certifier(self) -> "_Certifier[Picture]":
-        """Built on first use: it holds eight pictures that only shows with figures need."""
+        """The passes of the certificate. They are built on first use, because they hold eight pictures."""
         return self._owner.own(_Certifier(self._device, self._maps))
 
     def release(self) -> None:

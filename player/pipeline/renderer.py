@@ -288,7 +288,7 @@ class Renderer(Generic[Picture]):
         return self._device.read(self._small_camera.run(self._main_view.observers[0].run(self._sent)), np.uint8)
 
     def copy_shown(self, factor: int, grid: tuple[int, int]) -> ShownCopies[Picture]:
-        """Draw small copies of the rendered drive (ShownCopies). They stay until the next call."""
+        """Draw small copies of the rendered drive (ShownCopies). The copies stay until the next call."""
         if self._copies is None:
             regions = self._room.calibration.regions
             self._copies = self._owner.own(ShownCopies(self._device, regions, factor, grid))

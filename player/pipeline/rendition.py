@@ -20,7 +20,7 @@ from counterlight.response import PQ_PEAK, TABLE_SIZE, pq_codes, pq_light
 
 FloatArray = NDArray[np.floating]
 UNSAID_PEAK = 1000.0  # cd/m²: BT.2100's reference display, HLG's nominal display, and the usual grading peak of PQ
-HLG_RANGE = 400.0, 2000.0  # cd/m², valid range of BT.2100's formula for γ; outside it, γ of the nearer end
+HLG_RANGE = 400.0, 2000.0  # cd/m²: range of BT.2100's formula for γ; beyond an end of the range, γ of this end
 
 
 def rendition_of(pixels: PixelFormat, adjustments: Adjustments) -> Rendition | None:

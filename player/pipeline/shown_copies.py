@@ -14,7 +14,7 @@ from counterlight.passes.means import Means, part
 from counterlight.pipeline.device import Device, Owner
 from counterlight.raster import Region, Shape
 
-FACTOR, NARROWEST = 4, 96  # reduction of pictures, and the least width that remains
+FACTOR, NARROWEST = 4, 96  # factor of the reduction, and smallest width of a reduced picture
 
 
 class ShownCopies(Generic[Picture]):

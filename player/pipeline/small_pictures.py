@@ -7,7 +7,7 @@ from counterlight.passes.drawing import Picture
 from counterlight.pipeline.device import Device, Owner
 from counterlight.response import Response
 
-LONGEST = 480  # pixels of the longer side, at most
+LONGEST = 480  # most pixels of the longer side
 
 
 class SmallPicture(Generic[Picture]):

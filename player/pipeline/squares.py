@@ -1,4 +1,4 @@
-"""Solves a square of a drive to the end, with its surroundings held, to find how much this part could gain.
+"""Refines one square of a drive until it converges, with its surroundings fixed, to find how much it could gain.
 
 With r = b − T p, d = TᵀW r and P the prior of refinement.py, a change δ of the drive changes the objective by
 

@@ -59,7 +59,7 @@ class PreviousStart(Generic[Targets, Picture]):
         self._before, self._now = (own(_Carried(device, shape)) for _ in range(2))
 
     def advance(self, *, cut: bool) -> None:
-        """Prepare for a new frame; `cut` says that it is unrelated to the previous one."""
+        """Prepare for a new frame; `cut` says that the frame is unrelated to the previous frame."""
         self._before, self._now = self._now, self._before
         self._now.steps = 0
         if cut or not self._before.steps:

@@ -37,7 +37,7 @@ Picture = NDArray[np.float32]
 Part = tuple[slice, slice]
 SIDE, HALO = 32, 8  # side of a square and width of its halo, projector pixels
 MOST_ENTRIES = 4_000_000  # entries of TᵀW that an estimate reads: a few seconds of one core
-FEWEST = 12  # least number of squares
+FEWEST = 12  # least number of squares in a sample
 FAINTEST = 1e-6  # share of white²; an error 60 dB below white counts as none
 
 
@@ -117,7 +117,7 @@ class Survey:
         return own + 2 * sum(each.weight * each.along(picture) for each, picture in zip(changes, seen, strict=True))
 
     def _chances(self, promised: FloatArray) -> FloatArray:
-        """Return the probability of each square per draw: uniform, or half of it proportional to a step's gain."""
+        """Return each square's probability per draw: uniform, or half uniform, half proportional to a step's gain."""
         alike, total = np.full(promised.size, 1 / promised.size), promised.sum()
         return alike if self._whole or not total > 0 else (alike + promised / total) / 2
 

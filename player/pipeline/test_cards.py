@@ -24,9 +24,9 @@ SQUARES = 12  # squares along the shorter side
 SPOKES = 36
 LINE_PAIRS = (1, 2, 3, 4)
 BARS = ((1, 1, 1), (1, 1, 0), (0, 1, 1), (0, 1, 0), (1, 0, 1), (1, 0, 0), (0, 0, 1), (0, 0, 0))
-SHARES = (1, 2, 3)  # number of lit rows out of four
+SHARES = (1, 2, 3)  # lit rows out of four, for each line pattern
 TINTS = ((1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1))
-BACKGROUND = 0.5  # sRGB code
+BACKGROUND = 0.5  # sRGB code, 0 to 1
 LINE = 0.002  # half of a line's width, relative to the shorter side; at least LEAST_LINE pixels
 LEAST_LINE = 0.5
 
@@ -48,7 +48,7 @@ def _grid(height: int, width: int) -> Card:
     cross = np.maximum(_stroke(x, half), _stroke(y, half)) * (radius < spacing)
     code = np.maximum(0.35 * lines, np.maximum(circles, cross))
     picture = _light(np.repeat(code[..., None], 3, axis=2))
-    edge = np.minimum(width / 2 - np.abs(x), height / 2 - np.abs(y))  # 0.5 at the outermost pixels
+    edge = np.minimum(width / 2 - np.abs(x), height / 2 - np.abs(y))  # 0.5 in the outermost pixels
     picture[edge < 1] = (1, 0, 0)
     for corner_x, corner_y in _corners(width, height, 0):
         arm = np.maximum(np.abs(x - corner_x), np.abs(y - corner_y)) < spacing

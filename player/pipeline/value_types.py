@@ -1,4 +1,4 @@
-"""The kinds of values that options, settings and properties take: flags, numbers, choices; from text or from JSON."""
+"""The kinds of values of options, settings and properties, such as flags and numbers, read from text or JSON."""
 
 import math
 from collections.abc import Callable

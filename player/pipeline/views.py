@@ -17,10 +17,10 @@ from counterlight.response import Response
 VIEWS = ("projector", "camera", "split", "error", "impossible")
 ERROR_SPAN = 0.2
 CLIP_FAINT, CLIP_SPAN = 0.02, 0.25
-MID_GREY = 0.5  # share of white, linear
-SLACK = 1e-6  # relative: T is float32
+MID_GREY = 0.5  # share of white, in linear light
+SLACK = 1e-6  # relative tolerance, because T is float32
 
-# 8-bit sRGB.
+# Colours of the views that are maps, 8-bit sRGB.
 SERVED, UNLIT, BELOW_MID_GREY, BELOW_WHITE = (205, 205, 205), (40, 40, 40), (213, 60, 50), (240, 160, 60)
 TOO_MUCH, TOO_LITTLE = (213, 60, 50), (70, 130, 220)
 TOO_DARK, RIGHT, TOO_BRIGHT = (59, 76, 192), (221, 221, 221), (180, 4, 38)

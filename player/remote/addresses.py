@@ -54,7 +54,7 @@ class Address:
         except OSError as error:
             raise InputError(f"{option} {self}: {error.strerror}; name an address of this machine") from None
         try:
-            if kind == socket.SOCK_STREAM:  # a restarted player need not wait for old connections
+            if kind == socket.SOCK_STREAM:  # a restarted player need not wait until old connections end
                 bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             bound.bind(place)
         except OSError as error:
@@ -131,8 +131,8 @@ def _could_be_host(host: str) -> bool:
     return all(character.isalnum() or character in ".-:%_" for character in host)
 
 
-BYTES = 16  # random bytes, too many to guess
-LONGEST = 1000  # bytes read from the file
+BYTES = 16  # random bytes of a token, too many to guess
+LONGEST = 1000  # most bytes read from the token's file
 _WORD = re.compile(r"[\w-]{20,200}", re.ASCII)
 
 

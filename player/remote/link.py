@@ -15,7 +15,7 @@ from counterlight.unattended.json_lines import encode
 PATIENCE_S = 30.0  # limit for a show that is stopped or reads its maps
 LONGEST_LINE = 64 << 20  # bytes; a list of a hundred thousand media takes 8 MiB
 AGAIN_S = 0.1
-_OBSERVED = 1  # number of all observations
+_OBSERVED = 1  # number that all observations share
 
 Answer = dict[str, Any]
 
@@ -32,7 +32,7 @@ class Link:
         self._connected, self._over = asyncio.Event(), False
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[Answer]] = {}
-        self.properties: Mapping[str, Answer] = {}  # description of each property
+        self.properties: Mapping[str, Answer] = {}  # description of each property, by name
         self.commands: Mapping[str, Answer] = {}
         self.values: dict[str, object] = {}  # latest values while the properties are observed
 

@@ -21,9 +21,9 @@ from pythonosc.osc_packet import OscPacket
 from counterlight.remote.link import Answer, Link
 
 ROOT = "/counterlight"
-MOST_WAITING = 256  # messages; further messages are lost, as with any datagram
+MOST_WAITING = 256  # most waiting messages; further messages are lost, as with any datagram
 LONGEST_TEXT = 1200  # bytes of an answer: one packet on any network, too short for a reflection attack
-MOST_MESSAGES = 64  # messages per packet
+MOST_MESSAGES = 64  # most messages per packet
 SMALLEST_INTEGER, LARGEST_INTEGER = -(2**31), 2**31 - 1
 
 Sender: TypeAlias = tuple[Any, ...]
@@ -103,7 +103,7 @@ def value_of(info: Answer, argument: object) -> object:
         if info["type"] == "integer":
             return round(argument)
         if info["type"] == "number":
-            return float(f"{argument:.7g}")  # 0.1 in 32 bits is 0.10000000149
+            return float(f"{argument:.7g}")  # 7 digits, because 0.1 in 32 bits is 0.10000000149
     return _plain(argument)
 
 

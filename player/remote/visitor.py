@@ -45,9 +45,9 @@ class Pictures:
 
 
 INTERVAL_S = 0.1  # seconds between two messages about changes
-PATIENCE_S = 15.0  # for a browser that does not read
-MOST_EVENTS = 3  # events kept for a browser that does not read
-A_SECOND, AT_ONCE = 30.0, 60.0  # requests per second, and at once
+PATIENCE_S = 15.0  # longest wait for a browser that does not read
+MOST_EVENTS = 3  # most events kept for a browser that does not read
+A_SECOND, AT_ONCE = 30.0, 60.0  # requests per second, and most requests in a burst
 # allowed besides the commands; a visitor may not change the shared observations
 REQUESTS = ("get_property", "set_property")
 
@@ -63,7 +63,7 @@ class Visitor:
         self._awake.set()
 
     async def serve(self) -> None:
-        """Serve until the browser disconnects or does not read."""
+        """Serve until the browser disconnects or stops reading."""
         telling = asyncio.create_task(self._tell())
         try:
             async for message in self._connection:

@@ -22,7 +22,7 @@ from counterlight.remote.visitor import PATIENCE_S, Pictures, Visitor
 
 PROTOCOL = Subprotocol("counterlight")
 MOST_VISITORS = 32
-LONGEST_MESSAGE = 8 << 10  # bytes; as ASCII JSON still fewer than the show's limit for a line
+LONGEST_MESSAGE = 8 << 10  # most bytes of a request; as ASCII JSON, it still fits the show's limit for a line
 HANDSHAKE_S = 5.0
 SOCKET = "/socket"
 PAGE = {

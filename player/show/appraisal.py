@@ -12,7 +12,7 @@ from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.show.governor import Governor
 from counterlight.show.lookup import LookUp
 
-INTERVAL_S = 0.5  # least time between two measurements
+INTERVAL_S = 0.5  # shortest time between two measurements
 ASKED_S = 10.0  # how long the estimate continues after a request by a remote
 LAST_S = 30.0  # longest wait for an estimate at the end of a show
 REST = 50  # pause after a snapshot, in multiples of its read-back time: 2 % of the show's time

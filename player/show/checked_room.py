@@ -56,7 +56,7 @@ class CheckedRoom:
     def _take(self, outcome: Outcome) -> None:
         session, asked = self._session, self._asked
         self._asked = False
-        if session.manner.paused:  # otherwise the user has resumed playback
+        if session.manner.paused:  # if not paused, the user has resumed playback
             session.manner.paused = self._paused
         if outcome.code:
             session.notice(f"the room's check: {outcome.said}")

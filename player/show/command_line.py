@@ -51,7 +51,7 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     options.given = {name for name, at in values.items() if getattr(options, at) != parser.get_default(at)}
     options.keys, options.lists = keys, [Medium(name) for name in options.media]
     roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
-    if not options.supervised:  # a folder may be mounted later
+    if not options.supervised:  # under a supervisor, a folder may be mounted later
         _check_folders(roots)
     options.border = Border.around(options.lists, roots, live=options.allow_live)
     remotes = options.control, options.remote, options.osc
@@ -164,7 +164,7 @@ def _value(action: argparse.Action, value: Any, where: str) -> Any:
 
 
 def _single(action: argparse.Action, value: Any, where: str) -> Any:
-    if action.nargs == 0:  # a flag
+    if action.nargs == 0:  # the option is a flag
         if not isinstance(value, bool):
             raise InputError(f"{where}: expected true or false, found {shown(value)}")
         return value

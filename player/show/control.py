@@ -19,7 +19,7 @@ from counterlight.show.registry import Commands
 from counterlight.unattended.listening import listen
 
 MAX_CLIENTS = 16
-POLL_S = 0.004  # a quarter of a frame at 60 Hz
+POLL_S = 0.004  # longest time per poll: a quarter of a frame at 60 Hz
 
 
 class Remote(Protocol):

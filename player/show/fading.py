@@ -5,7 +5,7 @@ from collections.abc import Callable
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.playback import Playback
 
-FADE_WAIT_S = 1 / 60  # between two pictures of a fade while no frame is due
+FADE_WAIT_S = 1 / 60  # time between two pictures of a fade while no frame is due
 
 
 class Fade:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from counterlight.pipeline.survey import Survey
 
 FRAME_TIMEOUT_S = 120.0
-MOST_REDRAWS = 12  # redraws of a frame until its steps suffice
+MOST_REDRAWS = 12  # redraws of a frame until its steps suffice.
 ENDLESS = 1 << 62  # stands for an unknown number of frames
 
 

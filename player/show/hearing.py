@@ -1,4 +1,4 @@
-"""The sound of a show's media, and a notice, once, of why there is no sound."""
+"""Opens the sound of a show's media. If there is no sound, one notice says why."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -25,7 +25,7 @@ class Hearing:
         """Begin to decode the sound of the next medium."""
         self.close()
         if self._audio is not None and _has_sound(info):
-            with suppress(InputError):  # `track` reports it
+            with suppress(InputError):  # `track` reports the error
                 self._prepared = medium, self._audio.open(medium)
 
     def track(self, info: MediaInfo, medium: Medium) -> Track | None:

@@ -1,4 +1,4 @@
-"""Synchronises shows: followers go where the leader says it is, or each show begins at a time of day."""
+"""Synchronises shows: followers go to the leader's position, or each show begins at the same time of day."""
 
 import time
 from collections.abc import Callable

@@ -182,7 +182,7 @@ def _segment_workers(options: argparse.Namespace, reader: MediaReader) -> Worker
 
 
 def coding_of(options: argparse.Namespace) -> Coding:
-    """Return how a video is coded."""
+    """Return the coding of a video by the options."""
     return Coding(options.codec, options.pix_fmt, options.crf)
 
 

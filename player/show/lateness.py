@@ -2,7 +2,7 @@
 
 from counterlight.show.stats import Stats
 
-WATCHED_S = 5.0  # shortest watching time of a medium before a report
+WATCHED_S = 5.0  # shortest time that a medium is watched before a report
 DROPPED_SHARE = 0.2  # share of dropped frames that causes a report
 
 

@@ -12,7 +12,7 @@ from counterlight.show.lookup import LookUp
 from counterlight.show.playlist import is_list, read_list
 
 BROWSE_S = 0.1  # longest time that a show waits for a folder
-MOST_LISTED = 2000  # paths per folder
+MOST_LISTED = 2000  # most paths that are listed per folder
 
 
 def _listed(medium: Medium) -> dict[str, list[str]]:

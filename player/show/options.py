@@ -369,7 +369,7 @@ GROUPS: dict[str, dict[str, Option]] = {
     },
     "running a show": {
         "supervise": Option("restart the player whenever it crashes or hangs", FLAG, False, common=True),
-        "supervised": Option("", FLAG, False, setting=False),  # given by the supervisor
+        "supervised": Option("", FLAG, False, setting=False),  # set only by the supervisor
         "at": _Window("start at this time of day; black until then", Anything(parse=_time_of_day), value="HH:MM:SS"),
         "schedule": _Window("play in the hours of this file; needs --supervise", PATH, value="FILE", common=True),
         "safe": Option(
@@ -456,5 +456,5 @@ GROUPS: dict[str, dict[str, Option]] = {
     },
 }
 OPTIONS = {name: row for rows in GROUPS.values() for name, row in rows.items()}
-# appended to a command line to show media in a damaged room; they need the fewest files
+# options appended to a command line, so that a damaged room still shows media, from as few files as possible
 WITHOUT_COMPENSATION = "--no-compensation", "--refine=0", "--budget=no", "--within=no", "--view=projector"

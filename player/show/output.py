@@ -273,7 +273,7 @@ class _VideoOutput:
     ) -> None:
         with self._stack:
             if kind is not None:
-                with suppress(av.FFmpegError):  # the block has already failed
+                with suppress(av.FFmpegError):  # an earlier error has already ended the block
                     self._container.close()
                 return
             if self._sound is not None:

@@ -5,7 +5,7 @@ from collections import deque
 from statistics import median
 
 WINDOW_S = 1.0  # length of the window in which a rate is judged
-FEWEST = 4  # fewest frames in a window
+FEWEST = 4  # fewest frames in a window that is judged
 MISSED = 0.1  # share of missed groups that makes a rate too high
 GAPS = 2  # fewest gaps in a window; a single gap of any length is ignored
 LATE_WINDOWS = 2  # late windows in a row that make a rate too high

@@ -70,7 +70,7 @@ class Playback:
         self._pending: Frame | None = None
         # clock time and media time of one moment; None until a frame arrives
         self._anchor: tuple[float, float] | None = None
-        self._taken_s: float | None = None  # time of the frame taken last
+        self._taken_s: float | None = None  # time of the frame taken last.
         self._shown_s: float | None = None  # time of the frame returned last
         self._taken_until_s = self._seconds = 0.0
         self._paused, self._speed = paused, speed

@@ -61,7 +61,7 @@ def watching_of(
         _made(options.watch_record),
     )
     command = sys.executable, "-P", "-m", "counterlight.tools.watching"
-    one_thread = os.environ | dict.fromkeys(THREADS, "1")  # the show needs the cores
+    one_thread = os.environ | dict.fromkeys(THREADS, "1")  # the show needs the other cores
     watching = Watching(
         session, Watcher(command, session.notice, environment=one_thread), start, dims=options.white == "auto"
     )

@@ -16,11 +16,11 @@ QUALITY = 75  # quality of JPEG, 0 to 100
 MOST_TIME = 0.05  # share of the show's time that previews may take
 MOST_STOLEN = 0.01  # share of the frames' time that previews may take if no time is left between frames
 LEAST_S = 0.5  # shortest time between two previews that delay a frame
-AT_FIRST_S = 0.002  # assumed cost of a first preview
+AT_FIRST_S = 0.002  # assumed cost of the first preview, in seconds
 
 
 class Previews:
-    """Makes previews between frames if there is time, otherwise so rarely that at most one frame is late.
+    """Makes previews between frames if there is time. Otherwise each preview delays one frame, and previews are rare.
 
     clock : seconds, to measure the cost of a preview.
     """

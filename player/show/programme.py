@@ -18,7 +18,7 @@ from counterlight.show.media import Media
 from counterlight.show.playlist import Playlist, is_list
 
 LOOK_S = 0.1  # how long a command waits for the disk; later errors appear when the medium is opened
-LIST_S = 10.0  # longest time for reading a list
+LIST_S = 10.0  # longest time that reading a list may take
 RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
 HURRY_S = 0.25  # shortest time between starting two decoders, however many requests come
 MOST_RETURNS = 4  # number of overtaken requests that are remembered
@@ -87,13 +87,13 @@ class Programme:
         self._ahead: Opening | None = None  # the next medium, opened in advance
         # media that failed to open in advance, before that medium
         self._failed_ahead: list[tuple[Medium, InputError]] = []
-        self._list: tuple[LookUp[list[Medium]], float] | None = None  # the list that is being read, and the deadline
+        self._list: tuple[LookUp[list[Medium]], float] | None = None  # the list that is being read, and its deadline
         self._error: InputError | None = None  # why the current medium cannot be opened
         self._returns: list[_Return] = []  # one entry per request; the first entry is what plays
         self._by, self._tries = 1, 0  # direction in which a request skips failing media, and how many it has skipped
         # failed media in a row, failed rounds of the list, position of the first failure
         self._failures = self._rounds = self._first_failed = 0
-        self._open_at_s: float | None = None  # when to open the current medium
+        self._open_at_s: float | None = None  # clock time at which the current medium is opened
         # when a medium was last opened, and when the present medium began
         self._opened_at_s = self._began_s = float("-inf")
         self._open()
@@ -160,7 +160,7 @@ class Programme:
         if target is None or len(self._failed_ahead) >= len(self.playlist.media):
             return None
         medium = self.playlist.media[target]
-        if self._ahead is not None and self._ahead.medium != medium:  # the list has changed
+        if self._ahead is not None and self._ahead.medium != medium:  # the list has changed since the medium was opened
             self._forget_ahead()
         if is_list(medium):
             return None

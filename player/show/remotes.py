@@ -18,7 +18,7 @@ from counterlight.show.registry import Commands
 from counterlight.unattended.json_lines import encode
 
 ENDING_S = 1.0
-REST_S, LONGEST_REST_S = 1.0, 60.0  # pause before a process that died is started again
+REST_S, LONGEST_REST_S = 1.0, 60.0  # first and longest pause before a process that died is started again
 
 
 class RemoteProcess:

@@ -20,14 +20,14 @@ class Renderers:
     def __init__(self, current: AnyRenderer, notice: Callable[[str], None]) -> None:
         self.current, self._notice = current, notice
         self._incoming: AnyRenderer | None = None
-        self._pixels: PixelFormat | None = None  # the format that the renderers are open for
+        self._pixels: PixelFormat | None = None  # pixel format that the renderers are open for
 
     def _each(self) -> Iterator[AnyRenderer]:
         return filter(None, (self.current, self._incoming))
 
     def prepare(self, pixels: PixelFormat, *, crossfade: bool) -> None:
         """Build the resources of `open` while the previous medium still plays."""
-        with suppress(InputError):  # `open` raises it again
+        with suppress(InputError):  # `open` raises the same error again
             self.current.prepare(pixels, crossfade=crossfade)
 
     def open(self, pixels: PixelFormat, adjustments: Adjustments, *, crossfade: bool = False) -> None:

@@ -83,7 +83,7 @@ class Session:
         self.appraisal, self._appraised = Appraisal(room.appraise, clock), appraised
         self.stats, self.message = Stats(), Message(clock)
         self.show_stats = self.done = False
-        self.help_page = 0  # counted from 1; 0 for no page
+        self.help_page = 0  # number of the shown help page, from 1; 0 for none
         self.placing: Placing | None = None
         self._outside = room.stand(self.adjustments.viewpoint)
         self.audio, self._hearing = sound.output, Hearing(sound.output, sound.silence, self.notice)
@@ -106,7 +106,8 @@ class Session:
         self._faded = 1.0, 0.0  # last render: share of the light, weight of the leaving medium
         self._quitting = False
         self._undrawn: str | None = None  # why the last frame could not be drawn
-        self.on_present: Callable[[Page | None, bool], None] | None = None  # takes the page, and whether all is black
+        # called with the page and whether the screen is black
+        self.on_present: Callable[[Page | None, bool], None] | None = None
         self._follows_s: float | None = None  # when the next medium's first frame is due on the screen
         self.programme = Programme(
             playlist,
@@ -468,7 +469,7 @@ class Session:
         self.adjustments = adjustments
         outside, before = self.room.stand(adjustments.viewpoint), self._outside
         self._outside = outside
-        if outside is not None and before is None:  # once, until the viewer is inside again
+        if outside is not None and before is None:  # warns once, until the viewer is inside again
             self.notice(outside)
         self._changed = True
 
@@ -521,7 +522,7 @@ class Session:
 
     @property
     def manner(self) -> Playback | Manner:
-        """The object that holds whether media loop and pause, and their speed."""
+        """Settings that last across media: loop, pause and speed."""
         return self.playback or self._manner
 
     @property

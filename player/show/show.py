@@ -70,7 +70,7 @@ class Show:
             with short_collections():
                 self._run(limit)
             return self.session.outcome()
-        except KeyboardInterrupt:  # also SIGTERM; the counts so far are valid
+        except KeyboardInterrupt:  # Ctrl-C or SIGTERM; the counts so far are valid
             self._on_interrupt(self.session.outcome())
             raise
         finally:
@@ -131,7 +131,7 @@ class Show:
             return
         at = np.array([[pointer.x, pointer.y]])
         x, y = session.room.pointed_at(at, session.view)[0]
-        if not np.isfinite((x, y)).all():  # the projector lights nothing relevant there
+        if not np.isfinite((x, y)).all():  # the point lies where the projector lights nothing
             return
         self.commands.run("place-grab" if pointer.action == "press" else "place-drag", float(x), float(y))
 

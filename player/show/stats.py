@@ -18,10 +18,10 @@ MOST_NOTICES, LATEST_NOTICES = 1000, 20
 STAGES = ("decode", "upload", "gpu", "present")
 # stages of "gpu"; "step" is a single step, not all steps
 DRAWING = (*(stage for stage in stage_times.STAGES if stage != "steps"), "step")
-CHANGE = 3  # frames that a change of media may delay
+CHANGE = 3  # first frames of a medium, which opening the medium may delay
 PERCENTILES = {"median": 50, "p95": 95, "p99": 99, "max": 100}
 RECENT_S = 10  # seconds that the remote's figures cover
-FEW = 120  # frames that the rate is measured over
+FEW = 120  # frames over which the rate is measured
 LATE_EDGES_MS = (1, 2, 4, 8, 16, 32, 64)
 LATE_LABELS = ("<1 ms", "1-2", "2-4", "4-8", "8-16", "16-32", "32-64", ">64")
 

@@ -37,10 +37,10 @@ from counterlight.unattended.watcher import Watcher
 BURST, BURST_EVERY_S = 4, 0.8  # pictures of consecutive frames, and the time between two bursts
 STANDS_S = 0.2  # time on the screen after which a frame's picture is sent even between bursts
 SETTLED_S = 0.004  # time for a GPU to draw the copies, so that reading them does not wait
-KEPT_EVERY_S, MOST_KEPT = 20.0, 2160  # rows of the history: twelve hours
+KEPT_EVERY_S, MOST_KEPT = 20.0, 2160  # time between rows of the history, and most rows: twelve hours
 GAIN = 0.5, 1.5  # limits of a correction's gain, the factor of the light
 MOST_CELLS = 12, 16
-FAULTS = "no camera", "not the room", "camera moved", "camera changed", "acquire again"  # states that are reported
+FAULTS = "no camera", "not the room", "camera moved", "camera changed", "acquire again"  # states that are faults
 AGAIN_S = 600.0  # shortest time until the same state is reported again
 ABSENT = "no camera watches the room; start with --watch CAMERA"
 
@@ -222,7 +222,7 @@ class Watching:
             state, reason = "frozen", "by the user"
         elif self._covered:
             state, reason = "holding", "text covers the picture, or another view is shown"
-        unsure_px = [each.unsure_px for each in answer.projectors if each.unsure_px is not None]  # null: unknown
+        unsure_px = [each.unsure_px for each in answer.projectors if each.unsure_px is not None]  # None: unknown
         self._session.stats.facts["watch"] = {
             "state": state,
             "reason": reason,

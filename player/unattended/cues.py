@@ -24,8 +24,8 @@ from statistics import median
 
 from counterlight.errors import InputError
 
-KEPT, QUICKEST = 32, 4  # round trips kept; the quickest one in QUICKEST counts
-LEAST = 5  # round trips before an estimate is made
+KEPT, QUICKEST = 32, 4  # kept round trips; the quickest one in QUICKEST is used
+LEAST = 5  # fewest round trips for an estimate
 
 
 class ClockOffset:
@@ -64,11 +64,11 @@ class ClockOffset:
 PORT, EVERYWHERE = 7325, "0.0.0.0"
 MAGIC = b"CLc1"
 MESSAGE = struct.Struct("!4sBxxxIIddiddd")  # magic, state, run, number, asked, answered; item, media, at, speed
-PAUSED, MOVING = 1, 2  # bits of the state
+PAUSED, MOVING = 1, 2  # bits of a message's state
 FIRST_ASKED_S, ASKED_S = 0.05, 0.2  # time between questions until the leader's clock is known, and afterwards
 SILENT_S = 3.0  # time without an answer after which the leader counts as silent
 UNANSWERED = 64  # number of questions whose answers are still accepted
-LATEST = 1e12  # largest accepted time
+LATEST = 1e12  # largest accepted time, in seconds
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Beacon:
 
     def _answer(self) -> None:
         while not self._closed:
-            with suppress(OSError):  # no question, or the follower has gone
+            with suppress(OSError):  # no question has come, or the follower has gone
                 question, sender = self._socket.recvfrom(MESSAGE.size + 1)
                 if len(question) == MESSAGE.size and question.startswith(MAGIC):
                     _, _, _, number, asked_s, *_ = MESSAGE.unpack(question)
@@ -152,7 +152,7 @@ class Listener:
         self._heard: Heard | None = None
         self._heard_at_s = float("-inf")
         self._number = 0
-        self._asked: dict[int, float] = {}  # time of each question, by number
+        self._asked: dict[int, float] = {}  # time of each unanswered question, by its number
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="listener", daemon=True)
         self._thread.start()
@@ -168,7 +168,7 @@ class Listener:
 
     def _listen(self) -> None:
         while not self._closed.is_set():
-            with suppress(OSError), _connected(self._address) as link:  # no such host, no network: tries again soon
+            with suppress(OSError), _connected(self._address) as link:  # no such host or network: tries again soon
                 last_s = self._clock()
                 while not self._closed.is_set() and self._clock() - max(last_s, self._heard_at_s) < SILENT_S:
                     self._ask(link)
@@ -216,7 +216,7 @@ def read_address(text: str, *, host: str | None = None, port: int | None = None)
     number = int(after) if after.isascii() and after.isdecimal() and len(after) < 6 else port if not after else None
     if number is None or not 0 < number < 1 << 16:
         raise ValueError(text)
-    name.encode("idna")  # UnicodeError is a ValueError
+    name.encode("idna")  # raises UnicodeError, a ValueError, for an impossible name
     return name, number
 
 

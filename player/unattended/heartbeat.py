@@ -56,7 +56,7 @@ class Inbox:
 
 
 INTERVAL_S = 1.0
-MAX_LOG_BYTES = 16 << 20  # FILE is then renamed to FILE.1, so that a show of months does not fill the disk
+MAX_LOG_BYTES = 16 << 20  # FILE is then renamed to FILE.1, so that a show of months does not fill the disk.
 FACTS = "X_COUNTERLIGHT"  # systemd ignores variables that begin with X_; the supervisor reads this variable
 
 

@@ -100,10 +100,10 @@ class Keeper:
                 if status.power == ("on" if on else "off"):
                     self._obeyed[projector] = on
                 else:
-                    self._obeyed.pop(projector, None)  # its earlier state no longer holds
+                    self._obeyed.pop(projector, None)  # the projector no longer obeys its last order
                     if status.settled:
                         switch(projector, on=on)
-            news = f"{replace(status, lamp_hours=())}"  # lamp hours always grow
+            news = f"{replace(status, lamp_hours=())}"  # without lamp hours, because they always grow
             line = f"projector {projector}: {status}"
         except InputError as error:
             news = line = str(error)

@@ -1,4 +1,4 @@
-"""JSON lines (one JSON value per line) of the control socket and the heartbeat, and one question to a player."""
+"""JSON lines (one JSON value per line) of the control socket and the heartbeat, and a command to a player."""
 
 import json
 import math

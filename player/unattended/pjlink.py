@@ -18,8 +18,8 @@ from typing import Any
 from counterlight.errors import InputError, one_line
 
 PORT = 4352
-ANSWER_S = 5.0  # class 1 allows 2 s for an answer
-LONGEST_LINE = 136 + 128  # bytes: class 1's longest line, and a reserve
+ANSWER_S = 5.0  # time to answer; class 1 allows a projector 2 s
+LONGEST_LINE = 136 + 128  # bytes of class 1's longest line, and a reserve
 POWERS = ("off", "on", "cooling", "warming up")
 PARTS = ("fan", "lamp", "temperature", "cover", "filter", "other")
 STATES = ("", "warning", "error")

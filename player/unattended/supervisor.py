@@ -37,7 +37,7 @@ MOST_CRASHES, WINDOW_S = 5, 600.0
 PROGRESS_S = 1.0  # a player that advanced less than this is not resumed at the same place
 SAFE = ("black", "plain")
 _POLL_S = 0.1
-_SET_PDEATHSIG, _SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
+_SET_PDEATHSIG, _SET_CHILD_SUBREAPER = 1, 36  # numbers of prctl(2)
 _LIBC = ctypes.CDLL(None)
 
 Facts: TypeAlias = Mapping[str, object]
@@ -104,7 +104,7 @@ class Child:
             stdin=subprocess.DEVNULL,
             stderr=errors,
             pass_fds=[inbox.theirs],
-            process_group=0,  # the supervisor passes Ctrl-C on
+            process_group=0,  # own group, because the supervisor passes Ctrl-C on
             preexec_fn=_end_with_parent(os.getpid()),
         )
         inbox.handed_over()
@@ -294,7 +294,7 @@ class Supervisor:
                     _say("the player hangs: ended")
                     child.kill()
                 select.select([inbox], [], [], _POLL_S)
-            self._hear(child)  # its last messages
+            self._hear(child)  # reads the child's last messages
         finally:
             child.kill()
             child.process.wait()

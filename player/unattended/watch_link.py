@@ -23,14 +23,14 @@ PAINT = "paint.npy"
 FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share of the longer side, at least these pixels
 STATES = (
     "starting",  # reads the calibration, or opens the camera
-    "looking",  # finds out when the camera sees a frame
+    "looking",  # finds out when the camera sees a frame.
     "holding",  # θ stays: nothing has changed, or the film says too little
     "correcting",  # θ changes
     "frozen",  # the user has frozen θ
     "no camera",  # missing, or gives no more frames; also a picture that stands still during the film
     "not the room",  # the camera does not see the calibrated room
     "camera moved",
-    "camera changed",  # its exposure, gain or white balance is automatic
+    "camera changed",  # the camera's exposure, gain or white balance is automatic
     "acquire again",  # the room has changed beyond the limits of a correction
 )
 

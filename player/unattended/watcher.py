@@ -23,9 +23,9 @@ STEADY_S = 300.0  # a watcher that has run this long has recovered: the next pau
 SILENT_S = 60.0  # longest time between two answers, also while the watcher reads the room
 ENDING_S = 1.0  # shorter than the silence after which a supervisor takes a player for dead
 MOST_WAITING = 32 << 20  # bytes in the player that the watcher has not read: bursts of a 4K raster
-PIPE_BYTES = 1 << 20  # most that Linux gives a pipe without privileges
-MOST_LINE = 1 << 18  # bytes of an answer
-LONGEST_LINE = 1 << 12  # bytes of a reported line of stderr
+PIPE_BYTES = 1 << 20  # largest pipe that Linux gives without privileges
+MOST_LINE = 1 << 18  # most bytes of an answer
+LONGEST_LINE = 1 << 12  # most bytes of a reported line of stderr
 
 
 class Watcher:
@@ -47,7 +47,7 @@ class Watcher:
         self._environment = environment
         self._command, self._notice, self._clock = list(command), notice, clock
         self._child: _Child | None = None
-        self._ended: list[_Child] = []  # killed, not yet gone
+        self._ended: list[_Child] = []  # children that were killed and may not be gone yet
         self._rest_s, self._begins_s = REST_S, clock()
         self.fault = ""
 
@@ -148,7 +148,7 @@ class _Child:
         self._input, self._output = self._process.stdin, self._process.stdout
         for pipe_end in (self._input, self._output):
             os.set_blocking(pipe_end.fileno(), False)
-        with suppress(OSError, AttributeError):  # the usual 64 KiB also work
+        with suppress(OSError, AttributeError):  # without a larger pipe, the usual 64 KiB also work
             fcntl.fcntl(self._input.fileno(), fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self._waiting: deque[memoryview] = deque()
         self._bytes = 0

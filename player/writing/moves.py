@@ -22,7 +22,7 @@ from counterlight.writing.numbered import number_of
 NEW, OLD, OLD_FRAMES = "new", "old", "old_frames"
 CONTENTS = (NEW, OLD, OLD_FRAMES)
 _OUT, _IN = "out", "in"
-MAX_JOURNAL = 1 << 28  # bytes: a million of the longest names
+MAX_JOURNAL = 1 << 28  # most bytes of a journal: a million of the longest names
 _END = b"\0"  # ends a name in the journal; no name contains it
 
 
@@ -87,7 +87,7 @@ def _has_journal(stage: Path) -> bool:
 
 
 def _is_folder(path: Path) -> bool:
-    return os.path.isdir(path) and not os.path.islink(path)  # gives no error for names that are too long
+    return os.path.isdir(path) and not os.path.islink(path)  # isdir gives no error for names that are too long
 
 
 def _is_journal(path: Path) -> bool:
@@ -103,7 +103,7 @@ def _move_frames(stage: Path, pattern: Path) -> None:
     if (stage / _OUT).exists():
         for name in map(os.fsdecode, (stage / _OUT).read_bytes().split(_END)):
             if number_of(pattern.name, name) is not None:  # an empty journal has one empty name
-                with suppress(FileNotFoundError):  # already moved
+                with suppress(FileNotFoundError):  # the file was already moved
                     os.rename(folder / name, old / name)
         disk.flush(folder)
         disk.flush(old)
@@ -117,7 +117,7 @@ def _move_frames(stage: Path, pattern: Path) -> None:
 
 
 def _take_frames_back(stage: Path, folder: Path, made: list[str]) -> None:
-    """Undo `_move_frames`, last steps first, so that at any moment it could continue."""
+    """Undo `_move_frames`, last steps first. If the undoing is interrupted, the move can still be completed."""
     if (stage / _IN).exists():
         for name in made:
             if not (stage / NEW / name).exists():

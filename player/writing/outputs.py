@@ -31,7 +31,7 @@ def check_file(path: Path, *, suffixes: Sequence[str] = (), inputs: Iterable[Pat
 
 
 def check_sequence(pattern: Path, *, inputs: Iterable[Path] = ()) -> None:
-    """Check that the files of `name%05d.png` can be written, and that none of the existing ones is an input.
+    """Check that the files of `name%05d.png` can be written, and that no existing file among them is an input.
 
     A sequence that a killed command left half in place is completed first.
     """

@@ -132,7 +132,7 @@ def _is_about(error: OSError, target: Path) -> bool:
     if error.errno in _OF_WRITING:
         return True
     names = (name for name in (error.filename, error.filename2) if isinstance(name, str | bytes))
-    places = [Path(os.fsdecode(name).removeprefix("file:")) for name in names]  # the form that FFmpeg uses
+    places = [Path(os.fsdecode(name).removeprefix("file:")) for name in names]  # FFmpeg names files in this form
     ours = (target, Stage(target).folder)
     return any(place in (*target.parents, *ours) or any(up in ours for up in place.parents) for place in places)
 

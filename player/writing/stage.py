@@ -94,7 +94,7 @@ def clean_up(folder: Path) -> list[Stage]:
 
 
 def finish(target: Path) -> None:
-    """Complete the move of a killed process to `target`, before reading it. Costs one file access if there is none.
+    """Complete the move of a killed process to `target`, before reading it. Without such a move, costs one file access.
 
     Raises InputError if the move cannot be completed, or if another process takes longer than 5 s for it.
     """

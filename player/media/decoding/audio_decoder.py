@@ -83,7 +83,7 @@ class _Tempo:
     def __init__(self, speed: float) -> None:
         self._graph = av.filter.Graph()
         nodes = [self._graph.add_abuffer(sample_rate=RATE, format="flt", layout="stereo")]
-        while speed < 0.5:  # smallest factor of the filter
+        while speed < 0.5:  # the filter accepts no smaller factor
             nodes.append(self._graph.add("atempo", "0.5"))
             speed /= 0.5
         nodes += [self._graph.add("atempo", f"{speed:.9g}"), self._graph.add("abuffersink")]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 
 MAX_ADDRESS_SPACE = 6 << 30
-MAX_UNSENT = 1 << 20  # bytes
+MAX_UNSENT = 1 << 20  # most bytes that wait for a child that does not read
 LAST_WORDS_S = 1.0  # time from the request to end until the process is killed
 _ending: set[threading.Thread] = set()
 
@@ -134,6 +134,6 @@ def limit_memory(most: float = MAX_ADDRESS_SPACE) -> None:
 
 
 RATE, CHANNELS = 48_000, 2
-HEADER = struct.Struct("<qI")  # serial, samples
-NO_SOUND = -1  # serial
+HEADER = struct.Struct("<qI")  # serial, number of samples
+NO_SOUND = -1  # serial of a medium without sound
 Samples = NDArray[np.float32]

@@ -36,7 +36,7 @@ KNOWN = {
     *(254, 256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 282, 283, 284),
     *(292, 293, 317, 320, 322, 323, 324, 325, 330, 530),
 }
-ENTRY = 12  # bytes
+ENTRY = 12  # bytes of an entry in a TIFF index
 
 
 def known_tags(data: bytes) -> bytes:
@@ -53,7 +53,7 @@ def known_tags(data: bytes) -> bytes:
         return data
     entries = [data[place : place + ENTRY] for place in range(first, end, ENTRY)]
     kept = [entry for entry in entries if struct.unpack_from(f"{order}H", entry)[0] in KNOWN]
-    index = struct.pack(f"{order}H", len(kept)) + b"".join(kept) + b"\0" * 4  # no further picture
+    index = struct.pack(f"{order}H", len(kept)) + b"".join(kept) + b"\0" * 4  # 0: no further picture
     return data[:at] + index + data[at + len(index) :]
 
 

@@ -21,7 +21,7 @@ from counterlight.media.medium import Medium
 
 RING_SLOTS = 8
 LIVE_SLOTS = 3
-RING_BYTES = 512 << 20  # most bytes for decoding ahead; at least two slots
+RING_BYTES = 512 << 20  # most bytes for decoding ahead; two slots may exceed this limit
 
 
 def decode(arguments: dict[str, Any], mailbox: Mailbox, events: Events) -> None:

@@ -28,7 +28,7 @@ _TRANSFERS |= {13: "srgb", 14: "bt1886", 15: "bt1886", 16: "pq", 18: "hlg"}
 _PRIMARIES = {9: "bt2020", 11: "p3", 12: "p3"}  # DCI-P3's white is treated as the screen's white
 _REFUSED = {8: "YCgCo", 14: "ICtCp", 15: "IPT-C2", 16: "YCgCo-Re", 17: "YCgCo-Ro"}
 UNTAGGED = 2  # FFmpeg's value for a missing tag of any kind
-_FULL = 2  # AVCOL_RANGE_JPEG
+_FULL = 2  # FFmpeg's AVCOL_RANGE_JPEG: codes use the full range
 _LIMITED = 1
 # offset in AVMasteringDisplayMetadata, after eight chromaticities and the least luminance
 _MASTERING_MOST = 2 * 8 * 4 + 8
@@ -59,7 +59,7 @@ class Tags:
     picture: bool  # a still or a sequence of stills; if untagged, it is sRGB with JFIF's BT.601
     centered: bool  # chroma lies between the luma samples (JPEG, MPEG-1, WebP)
     primaries: int = UNTAGGED
-    peak_nits: float = 0.0  # see PixelFormat
+    peak_nits: float = 0.0  # brightest light of the medium in cd/m², see PixelFormat
 
 
 def unpack(frame: av.VideoFrame, *, picture: bool) -> Samples:
@@ -136,7 +136,7 @@ def display_rotation(frame: av.VideoFrame) -> tuple[int, bool]:
     """Return (degrees counter-clockwise, flip rows first) that bring the stored picture upright.
 
     The display matrix maps x' = a x + c y, y' = b x + d y. A mirrored matrix (ad − bc < 0) is a rotation after flipping
-    the rows. Both kinds share a and b, which give the angle.
+    the rows. In both cases, a and b give the angle.
     """
     matrix = _side_data(frame, "DISPLAYMATRIX")
     if matrix is None:
@@ -174,7 +174,7 @@ def _full_scale(samples: Samples) -> float:
 
 
 def _over_black(samples: Samples, i: int) -> Plane:
-    """Return plane i times its opacity, around the code value of black (or of neutral chroma)."""
+    """Return plane i mixed with the code value of black (or of neutral chroma) by the opacity."""
     assert samples.alpha is not None
     plane = samples.planes[i]
     rows, columns = (-(-a // p) for a, p in zip(samples.alpha.shape, plane.shape, strict=True))
