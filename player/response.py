@@ -75,7 +75,7 @@ class WhiteSegment:
         return 1 + np.array(self.samples[-1])
 
     def tables(self) -> NDArray[np.float32]:
-        """Return (2, samples, 3) float32 at equal steps of a square root: m_l as a function of √p_l, and s_l of √m."""
+        """Return two tables, (2, samples, 3) float32: m_l at equal steps of √p_l, and s_l at equal steps of √m."""
         at = np.linspace(0, 1, TABLE_SIZE) ** 2
         whole = self._levels[:, None] + np.array(self.samples)
         darkest = np.stack([np.interp(at, column, self._levels) for column in whole.T], axis=-1)

@@ -22,7 +22,7 @@ from counterlight.errors import InputError, one_line, shown
 Source: TypeAlias = Path | BufferedReader  # a path, or an open file
 
 CHUNK = 1 << 20
-MAX_BYTES = 17 << 30  # limit of every checked file; the largest map is hashed in seconds
+MAX_BYTES = 17 << 30  # largest size of a checked file; hashing the largest map takes seconds
 MAX_TOML_BYTES = 1 << 20  # a calibration of 8 projectors with measured responses has 0.2 MB
 MOST_PARTS = 32  # parts of a dotted key; tomllib's time grows with their square, and with the lines below a [header]
 LONG_INTEGER = "an integer of more than 64 bits"

@@ -35,7 +35,7 @@ class Layer(IntEnum):
 class Filling:
     """Makes a window, which may be hidden, fill a monitor; `end` turns it into a plain window again.
 
-    If its monitor is disconnected, the window waits in place; it is hidden if another monitor shows that place.
+    If its monitor is disconnected, the window waits in place, or is hidden if another monitor has taken this place.
     """
 
     def __init__(self, handle: Any, monitor: Monitor, layer: Layer) -> None:

@@ -122,7 +122,7 @@ def overlay_of(
 
 
 def _centred(shape: tuple[int, int], window: tuple[int, int], *, grows: bool) -> Box:
-    """Return a centred box: pixel for pixel if it fits and does not grow, else scaled to the window."""
+    """Return a centred box: pixel for pixel if the picture fits and must not grow, else as large as possible."""
     height, width = shape
     scale = min(window[0] / width, window[1] / height)
     scale = scale if grows else min(1.0, scale)

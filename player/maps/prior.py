@@ -82,7 +82,7 @@ def pull(
     right: NDArray[np.floating],
     down: NDArray[np.floating],
 ) -> NDArray[np.floating]:
-    """Return P p of a prior: η p + Σ ω (p − neighbour's)."""
+    """Return P p of a prior: η p + Σ ω (p − p of the neighbour)."""
     across, along = right[:, :-1] * np.diff(p, axis=1), down[:-1] * np.diff(p, axis=0)
     result = np.asarray(damping * p)
     result[:, :-1] -= across

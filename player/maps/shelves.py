@@ -16,7 +16,7 @@ GOOD_FILL = 0.99
 def place_rows(
     lengths: NDArray[np.int64], max_width: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, int]]:
-    """Give each row its (x, y) in the smallest of a few textures, longest rows first; returns x, y, (height, width).
+    """Place the rows, longest first, in textures of a few widths; return x, y, (height, width) for the smallest one.
 
     Raises InputError for more than MOST_TEXELS.
     """
@@ -42,7 +42,7 @@ def place_rows(
 
 
 def _candidate_widths(total: int, longest: int, commonest: int, max_width: int) -> list[int]:
-    """Return texture widths to try, near square first; multiples of the commonest or longest row waste least."""
+    """Return texture widths to try, near square first. Multiples of the commonest or longest row waste few texels."""
     square = max(longest, int(np.ceil(np.sqrt(total))))
     widths = []
     for scale in (1.0, 1.5, 2.0, 3.0, 4.0, 8.0, 16.0):

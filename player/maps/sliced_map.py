@@ -113,7 +113,7 @@ def _rows(packed: RowMap) -> tuple[tuple[int, int], IntArray, IntArray]:
 
 
 def _runs(starts: IntArray, lengths: IntArray) -> tuple[IntArray, IntArray]:
-    """Return where each row begins in a list of all rows' texels, and that list."""
+    """Return the index at which each row begins in a list of all rows' texels, and the list."""
     first = np.cumsum(lengths) - lengths
     return first, np.repeat(starts - first, lengths) + np.arange(int(lengths.sum()))
 

@@ -170,7 +170,7 @@ def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np
 def parsed(words: Uint32) -> tuple[NDArray[np.int8], IntArray]:
     """Return each word's kind and step in pixels. The second word of a THREE has the kind OTHERS.
 
-    A word after a THREE may itself look like a THREE. In a row of such words, every second one is a THREE.
+    The second word may itself look like a THREE. In a sequence of words that look so, every second word is a THREE.
     """
     kinds = (words & 7).astype(np.int8)
     at = np.arange(words.size)

@@ -20,7 +20,10 @@ from counterlight.maps.small_map import (
 
 
 def in_words(small: SmallMap) -> Words:
-    """Return each row as a run of words, starting from source pixel 0. A trust between 0 and 1 comes first."""
+    """Return each row as a run of words, starting from source pixel 0.
+
+    If a row's trust is between 0 and 1, the run begins with a word for the trust.
+    """
     trust = np.zeros(small.indptr.size - 1, np.int16) if small.trust is None else small.trust
     said = (trust > 0) & (trust < FULL_TRUST)
     starts = np.concatenate([[0], np.cumsum(_run_lengths(small.indptr, small.indices, small.codes, said))])

@@ -182,7 +182,7 @@ class MediaReader:
     def seek(self, time_s: float) -> None:
         """Continue with the frame that is shown at `time_s`, which grows across loops like Frame.time_s.
 
-        Live sources ignore it.
+        Live sources ignore a seek.
         """
         if self._live:
             return

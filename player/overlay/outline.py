@@ -119,7 +119,7 @@ def draw_outline(canvas: NDArray[np.uint8], outline: Outline, place: Callable[[P
 
 
 def _stamp(canvas: NDArray[np.uint8], points: Points, half: int, colour: tuple[int, ...]) -> None:
-    """Draw squares of 2 half + 1 pixels around points, clipped to the canvas."""
+    """Draw squares around points, 2 · half + 1 pixels wide and high, clipped to the canvas."""
     middles = np.floor(points).astype(np.int64)
     offsets = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)[::-1].T
     x, y = (middles[:, None] + offsets).reshape(-1, 2).T

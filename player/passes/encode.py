@@ -1,4 +1,4 @@
-"""Linear light to code values: own primaries, inverse response, then dithering."""
+"""Converts linear light to code values: the projector's own primaries, inverse response, then dithering."""
 
 from typing import Any
 

@@ -68,7 +68,7 @@ def moved(
 
 @inlined
 def _keys(t: Any) -> Any:
-    """Return the weights of six neighbouring pixels at a share t between the inner two (drift.py)."""
+    """Return the weights of six neighbouring pixels for a point at t, 0 to 1, between the inner two (drift.py)."""
     return _far(2 + t), _middle(1 + t), _near(t), _near(1 - t), _middle(2 - t), _far(3 - t)
 
 

@@ -1,7 +1,7 @@
 """Places a picture by a projective map, with black around it.
 
-The filter is a tent along each axis of the picture, as wide as a target pixel appears there. Its half width is
-√(∂x² + ∂y²) of the map's derivatives, at least one pixel, so an upright placement matches resample.py. An edge pixel is
+The filter is a tent along each axis of the picture, as wide as a target pixel in the picture. Its half width is √(∂x² +
+∂y²) of the map's derivatives, at least one pixel, so an upright placement matches resample.py. An edge pixel is
 weighted by its covered part, estimated from the distance to the edge.
 """
 

@@ -1,4 +1,4 @@
-"""Times the stages of a frame. Every lap waits for the device, so only some frames are timed."""
+"""Times the stages of a frame. Each measurement waits for the device, so only some frames are timed."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Compiles the passes for the processor at the start, and says so."""
+"""Compiles the passes for the processor at the start, and prints that it does."""
 
 import sys
 

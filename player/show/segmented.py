@@ -178,7 +178,7 @@ def _apart(one: Any, other: Any) -> dict[str, Any]:
 
 
 def _plan(rendering: Rendering, film: Film, stretches: Sequence[Stretch]) -> dict[str, Any]:
-    """Return for JSON everything that determines the segments' content."""
+    """Return everything that determines the segments' content, for JSON."""
     made = asdict(rendering) | {"medium": _identity(rendering.medium.name)}
     folder = rendering.calibration
     room = {f"{path.relative_to(folder)}": hashlib.sha256(path.read_bytes()).hexdigest() for path in tables_of(folder)}

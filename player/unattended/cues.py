@@ -54,7 +54,7 @@ class ClockOffset:
 
     @property
     def round_trip_s(self) -> float | None:
-        """The slowest of the counted round trips. `seconds` is right within half of it if both clocks run evenly."""
+        """The slowest counted round trip. The error of `seconds` is at most half of it if both clocks run evenly."""
         return self._quickest()[-1][0] if self._trips else None
 
     def _quickest(self) -> list[tuple[float, float]]:

@@ -122,7 +122,7 @@ class Heartbeat:
 
     @property
     def due(self) -> bool:
-        """Whether the next call of `beat` will report. Facts need not be collected otherwise."""
+        """Whether the next call of `beat` will report. If not, no facts need to be collected."""
         return self._clock() - self._told_at >= self._interval_s
 
     def beat(self, facts: Mapping[str, object]) -> None:

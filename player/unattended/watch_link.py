@@ -27,7 +27,7 @@ STATES = (
     "holding",  # θ stays: nothing has changed, or the film says too little
     "correcting",  # θ changes
     "frozen",  # the user has frozen θ
-    "no camera",  # missing, or gives no more frames; also a picture that stands still during the film
+    "no camera",  # the camera is missing, gives no more frames, or repeats one picture during the film
     "not the room",  # the camera does not see the calibrated room
     "camera moved",
     "camera changed",  # the camera's exposure, gain or white balance is automatic

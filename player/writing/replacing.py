@@ -79,7 +79,7 @@ def replacing_sequence(pattern: Path) -> Iterator[Path]:
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file durably, if it exists. Raises InputError, naming it, if the system refuses."""
+    """Remove a file durably, if it exists. Raises InputError with the file's name if the system refuses."""
     with _refusals_named(path, _real(path)):
         path.unlink(missing_ok=True)
         disk.flush(path.parent)

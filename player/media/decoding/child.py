@@ -1,7 +1,7 @@
-"""The life of a decoder process, from both sides: how the player starts and ends it, and how it limits itself.
+"""Decoder processes: how the player starts and ends them, and how they limit their memory.
 
-Imported before any large module, so that a decoder's first sign of life comes as soon as Python runs. The format of
-the sound decoder's blocks is here, because importing it must not import PyAV (0.25 s).
+A decoder imports this module before any large module, so that its first sign of life comes as soon as Python runs. The
+format of the sound decoder's blocks is here, because importing it must not import PyAV (0.25 s).
 """
 
 import atexit

@@ -306,7 +306,7 @@ def _bits(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
 
 
 def _gray(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
-    """Return gray as three equal planes, or as luma with a single neutral chroma sample if its range is limited."""
+    """Return gray as three equal planes. Gray of limited range becomes luma with a single neutral chroma sample."""
     depth = int(match["depth"] or 8)
     gray = _planar(frame, 0, _kind(depth, match["order"]))
     if frame.color_range == _FULL or (picture and frame.color_range != _LIMITED):
