@@ -254,7 +254,7 @@ def tell(line: str, stream: TextIO | None = None, *, patience_s: float = 0.0) ->
 
 
 def status(line: str) -> None:
-    """Show a line on the terminal (stderr) in place of the last one. `tell` overwrites it. Needs a terminal."""
+    """Show a line on the terminal (stderr) in place of the last line. `tell` overwrites it. Needs a terminal."""
     if sys.stderr.isatty():
         columns = shutil.get_terminal_size().columns
         _write(sys.stderr.fileno(), CLEARED + printable(line)[: columns - 1].encode(), 0.0)

@@ -274,7 +274,7 @@ def parse_response(value: object) -> Response:
 
 
 def read_response(table: Table, folder: Path | None = None) -> Response:
-    """Read a table's `response`, linear by default, and its `white_segment` or `processing` if it has one.
+    """Read a table's `response`, linear by default, and the table's `white_segment` or `processing` if there is one.
 
     table : table of a TOML file.
     folder : folder of named response files; None if the table may not name files.

@@ -78,7 +78,7 @@ class Screen:
         return across, down
 
     def looked_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Convert points from shares of the raster to the shares of the screen that the pixels there see, (n, 2).
+        """Convert points of the raster to the points of the screen that camera pixels there see: (n, 2), in shares.
 
         NaN outside the raster and in pixels without a camera.
         """

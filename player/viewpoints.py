@@ -134,7 +134,7 @@ def folders_of(folder: Path, count: int) -> list[Path]:
 
 
 def calibrations_in(folder: Path) -> list[Path]:
-    """Return the folders of a set's views, or the folder itself if it is one calibration."""
+    """Return the folders of a set's views, or the folder itself if it is a single calibration."""
     if not is_set(folder):
         return [folder]
     table = Table(read_toml(folder / TOML, JOIN), f"{folder / TOML}", JOIN)

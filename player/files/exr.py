@@ -210,7 +210,7 @@ def _library_channels(file: BufferedReader) -> dict[str, NDArray[Any]]:
     try:
         with silence(), redirect_stdout(said), OpenEXR.File(file, separate_channels=True) as picture:
             return {name: np.asarray(channel.pixels) for name, channel in picture.channels().items()}
-    except Exception as error:  # the binding raises bare RuntimeError, ValueError and others
+    except Exception as error:  # the binding raises RuntimeError, ValueError and other exceptions
         reason = one_line(said.getvalue().rpartition(" - ")[2] or error)
         raise InputError(f"{file.name}: its pixels cannot be decoded ({reason}); {FIX}") from None
 

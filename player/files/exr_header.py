@@ -17,7 +17,7 @@ LONGEST_NAME, MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 255, 64, 1024, 1024
 MAX_ATTRIBUTE_BYTES = 64 << 20  # limit of all attributes; previews and lists of picture contents are long
 MAX_CHUNK_BYTES = 1 << 30
 FARTHEST = 1 << 24  # largest distance of a window from the origin, in pixels
-# lines per chunk, by compression; at most MOST_LINES for others
+# lines per chunk, by number of the compression; at most MOST_LINES for other compressions
 LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32}
 MOST_LINES = 256
 BYTES = {0: 4, 1: 2, 2: 4}  # bytes per value of a channel: UINT, HALF, FLOAT

@@ -78,7 +78,7 @@ class Filling:
         return self._if_new(None if self._is_placed() else self._out_of_place())
 
     def end(self, box: Box) -> None:
-        """Turn the window into a plain one at a box of the desktop, decorated by the window manager."""
+        """Turn the window into a plain window at a box of the desktop, decorated by the window manager."""
         glfw.hide_window(self._handle)
         if _on_x11():
             x11.set_unmanaged(*_on_server(self._handle), False)

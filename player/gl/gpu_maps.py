@@ -162,7 +162,7 @@ class BufferMap(GpuMap[Packed]):
 
     shader : multiplies with the map.
     lanes : invocations per row.
-    parts : one dispatch each.
+    parts : parts of the map, one per dispatch.
     """
 
     shader: str

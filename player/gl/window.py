@@ -52,7 +52,7 @@ class Window:
     """A window of the projector's size, or a filled monitor. It returns to its monitor after a reconnection.
 
     shape : (height, width) of the picture.
-    monitor : monitor for full screen; None for the primary one.
+    monitor : monitor for full screen; None for the primary monitor.
     exact : refuse full screen at a size other than `shape`, because the correction is pixel by pixel.
     goal : name or number of the monitor that set_fullscreen fills before the window has been on any.
     sharing : a window whose textures this window can show.
@@ -247,7 +247,7 @@ class Window:
         self._set_vsync()  # some drivers lose the swap interval when the monitor changes
 
     def move_to(self, monitor: object) -> None:
-        """Move to the monitor of a name or number; a window that fills a monitor fills the new one."""
+        """Move to the monitor of a name or number; a window that fills a monitor then fills the new monitor."""
         wanted = find_monitor(list_monitors(), str(monitor))
         self._home, self._at_home = wanted.name, True
         if self._filling is None:
@@ -278,7 +278,7 @@ class Window:
             self._notices.append(f"the monitor is {found}, the projector {needed}: centred, so not corrected")
 
     def _follow_monitor(self) -> None:
-        """Move to where the monitor is now; report when it is lost, and when it is back."""
+        """Move to the monitor's current place; report when the monitor is lost, and when the monitor is back."""
         monitors = list_monitors()
         act = after_a_change(self._home, monitors, at_home=self._at_home)
         if act == "left":
@@ -313,7 +313,7 @@ class Window:
         self._keys.append(REDRAW)
 
     def _on_press(self) -> None:
-        """Handle a mouse press: take the keyboard, as a window manager would arrange."""
+        """Handle a mouse press: take the keyboard, because no window manager does."""
         if self._filling is not None:
             take_keys(self._handle)
 
@@ -343,7 +343,7 @@ class Window:
 
 
 def wait_for_events(timeout_s: float) -> None:
-    """Process events of all windows, waiting at most `timeout_s` for one."""
+    """Process events of all windows, waiting at most `timeout_s` for an event."""
     if timeout_s > 0:
         glfw.wait_events_timeout(timeout_s)
     else:

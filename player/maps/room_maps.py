@@ -6,7 +6,7 @@ far : factors D, M, U of the far light, if any: projector picture -> parts -> ce
 blurred : factors P, B of the blurred light, if any: projector picture -> cells -> camera picture.
 undo : D' and M', which predict the far light of the *compensated* picture from the target. This light is subtracted
     before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py. None
-    without far light, or if T⁺ covers near and far light in one (build --inverse thesis).
+    without far light, or if T⁺ itself includes the inverse of far light (build --inverse thesis).
 refinement : inputs of the player's projected gradient steps besides T: TᵀW, step sizes, a prior, and direct mapping as
     a start.
 mixing : mixing of the primaries by the camera; all maps belong to the transport T̃ without it (mixing.py).

@@ -26,7 +26,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Part:
-    """The input of one dispatch.
+    """The input of one dispatch of the compute shader.
 
     rows : (rows, 4) uint32. Output pixel x | y << 16 (NO_PIXEL for padding), 0, length, first entry. A row's k-th entry
         is entry `first + k // lanes · GROUP + k % lanes`.

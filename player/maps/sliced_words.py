@@ -17,7 +17,7 @@ from counterlight.maps.word_map import WordMap
 
 @dataclass(frozen=True)
 class WordPart:
-    """The input of one dispatch.
+    """The input of one dispatch of the compute shader.
 
     rows : (rows, 1 or 2) uint32. Output pixel x | y << 16 (NO_PIXEL for padding), and the colour if the map has
         colours.

@@ -334,7 +334,7 @@ class MediaReader:
         self._bury(reason)
 
     def _bury(self, reason: str) -> None:
-        """Replace a dead decoder by one that starts after the last frame. After another death there, skip ahead.
+        """Replace a dead decoder by a decoder that starts after the last frame. After another death there, skip ahead.
 
         Does not wait for the new decoder. The caller keeps the last frame until a new frame arrives. Attempts for a
         live source never end.

@@ -68,7 +68,8 @@ def product(
 
     source, base, out : (pixels, 3).
 
-    Rows of at most STRETCH entries are summed in float32 alone: the same rounding in two thirds of the time.
+    Rows of at most STRETCH entries are summed in float32 alone, which rounds equally well and takes two thirds of the
+    time.
     """
     rows = out.shape[0]
     for share in prange(SHARES):

@@ -62,7 +62,7 @@ class Succession:
         self.fresh, self.elapsed_s = True, 0.0
 
     def advance(self, *, cut: bool, duration_s: float = 0.0) -> bool:
-        """Begin a new frame; returns True if the previous frame's result is now the one to continue from."""
+        """Begin a new frame; returns True if the new frame continues from the previous frame's result."""
         drawn, self._drawn = self._drawn, False
         stays = drawn or (self._lasting and not self.fresh)
         self.fresh = cut or not stays

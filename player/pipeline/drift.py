@@ -148,7 +148,7 @@ def read_drift(stored: StoredCalibration) -> Drift | None:
 
 
 def write_drift(stored: StoredCalibration, drift: Drift) -> None:
-    """Write a drift, replacing the previous one as a whole. A drift without changes is also stored."""
+    """Write a drift, replacing the whole previous drift. A drift without changes is also stored."""
     with replacing_folder(stored.folder / FOLDER, lambda _: stored.refuse_replaced()) as stage:
         if drift.ambient is not None:
             exr.write_rgb(stage / AMBIENT, drift.ambient)

@@ -82,7 +82,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Offer:
-    """A start to choose from: its cost in steps, and the error curve of the steps from there."""
+    """A start to choose from: its cost in steps, and the error curve of the steps that follow."""
 
     start: str
     in_steps: float

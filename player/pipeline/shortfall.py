@@ -1,4 +1,4 @@
-"""Distance of a picture from the best one: the data for an estimate, and its result (survey.py)."""
+"""Distance of a picture from the best picture: the data for an estimate, and its result (survey.py)."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Shortfall:
-    """An estimate of how far a picture is below the best one.
+    """An estimate of how far a picture is below the best picture.
 
     decibels : dB below the unweighted optimum over the lit camera pixels.
     doubling : dB that the same number of steps again would gain; at least one step.

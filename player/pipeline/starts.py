@@ -10,7 +10,7 @@ from counterlight.passes.drawing import Picture
 from counterlight.pipeline.device import Device, Owner
 from counterlight.pipeline.refinement import GREY
 
-Targets = TypeVar("Targets")  # what a drive is made from: the targets of views
+Targets = TypeVar("Targets")  # the targets of views, from which a drive is made
 
 
 class Iterate(NamedTuple, Generic[Picture]):
@@ -66,7 +66,7 @@ class PreviousStart(Generic[Targets, Picture]):
             self._before.clear()
 
     def run(self, b: Targets) -> Iterate[Picture]:
-        """Return the start; it is the same however often a frame is drawn."""
+        """Return the start, which is the same each time that a frame is drawn."""
         self._map = self._correct(b)
         p = self._start.draw(Combine(self._map, self._before.change.picture, clamp=True))
         return Iterate(p, self._ahead.draw(Combine(p, self._before.momentum.picture)), self._before.steps)

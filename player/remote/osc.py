@@ -145,7 +145,7 @@ def _parts(address: str) -> tuple[str, str]:
 
 
 def _plain(argument: object) -> object:
-    """Return an argument that JSON can represent. Raises UnreadError for others."""
+    """Return the argument if JSON can represent it. Raises UnreadError otherwise."""
     if argument is None or isinstance(argument, bool | int | float | str):
         return argument
     raise UnreadError("expected numbers, text, true, false or nothing")

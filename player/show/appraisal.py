@@ -48,7 +48,7 @@ class Appraisal:
             self.certificate, self._measured_at = renderer.certificate(), self._clock()
 
     def look(self, renderer: AnyRenderer) -> None:
-        """Start an estimate of the rendered picture, unless an estimate runs or the last one began too recently."""
+        """Start an estimate of the rendered picture, unless an estimate runs or began too recently."""
         if self._running is not None or self._clock() < self._next_at:
             return
         began = time.perf_counter()

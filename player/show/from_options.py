@@ -80,7 +80,7 @@ def backend_of(options: argparse.Namespace) -> str:
 
 
 def steps_of(options: argparse.Namespace) -> Steps | None:
-    """Return the steps of a frame, None for those of the room. Raises InputError if options contradict each other."""
+    """Return the steps of a frame, None for the room's default. Raises InputError if options contradict each other."""
     steps: Steps | None = options.refine
     if options.budget != "no" or options.within != "no":
         if steps not in (None, "auto"):

@@ -29,7 +29,7 @@ class Hearing:
                 self._prepared = medium, self._audio.open(medium)
 
     def track(self, info: MediaInfo, medium: Medium) -> Track | None:
-        """Return the sound of a medium, None if it has none. The sound replaces the previous one from now on."""
+        """Return the sound of a medium, None if it has no sound. The sound replaces the previous medium's sound."""
         if not _has_sound(info):
             return None
         silence, self._silence = self._silence, None

@@ -187,7 +187,7 @@ def coding_of(options: argparse.Namespace) -> Coding:
 
 
 def one_medium(options: argparse.Namespace) -> Medium:
-    """Return the medium to render into a file. Raises InputError unless exactly one is given."""
+    """Return the medium to render into a file. Raises InputError unless exactly one medium is given."""
     if len(options.media) != 1:
         raise InputError(f"--output renders one medium, found {len(options.media)}; give one")
     medium: Medium = options.media[0]

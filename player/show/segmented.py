@@ -162,7 +162,7 @@ def _rendered(rendering: Rendering, segments: Sequence[Segment], workers: Worker
 
 
 def _join(sink: FilmOutput, segments: Sequence[Segment], film: Film, within: Sequence[int]) -> list[dict[str, Any]]:
-    """Write the film. Returns where it was divided within shots, and how far the two segments differ there."""
+    """Write the film. Returns where shots were divided, and how much the segments on either side differ there."""
     joints, last = list[dict[str, Any]](), None
     for segment in track(segments, "joining segments"):
         begin, end = segment.stretch.begin, segment.stretch.end

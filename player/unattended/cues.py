@@ -24,7 +24,7 @@ from statistics import median
 
 from counterlight.errors import InputError
 
-KEPT, QUICKEST = 32, 4  # kept round trips; the quickest one in QUICKEST is used
+KEPT, QUICKEST = 32, 4  # kept round trips; the quickest 1 / QUICKEST of them are used
 LEAST = 5  # fewest round trips for an estimate
 
 

@@ -174,7 +174,7 @@ def _faults(answer: str) -> tuple[str, ...]:
     return tuple(f"{part}: {STATES[int(digit)]}" for part, digit in zip(PARTS, answer, strict=True) if digit != "0")
 
 
-# time between two queries: of a projector that is on or off, and of one that warms up or cools down
+# time between two queries of a projector: while it is on or off, and while it warms up or cools down
 LOOK_S, AGAIN_S = 60.0, 5.0
 
 

@@ -18,7 +18,7 @@ from counterlight.unattended.json_lines import encode
 
 HEADER = struct.Struct("<4sII")
 GRID = 6, 8  # rows and columns of `Light.grid`
-MOST_BYTES = 1 << 26  # limit of a message; a larger one is damage
+MOST_BYTES = 1 << 26  # largest message; a larger number of bytes is damage
 PAINT = "paint.npy"
 FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share of the longer side, at least these pixels
 STATES = (

@@ -22,7 +22,7 @@ _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 @contextmanager
 def replacing_file(path: Path) -> Iterator[Path]:
-    """Yield the path to write a file of the same name. On success it replaces `path`, otherwise it is removed.
+    """Yield a path for the new file. On success the new file replaces `path`, otherwise it is removed.
 
     Raises InputError, naming `path`, if the system refuses (no such folder, no right, no space), if `path` is no file,
     or if another process is writing it.

@@ -29,9 +29,8 @@ from counterlight.media.decoding.source import TIME_SLACK_S, Decoded, Sequence, 
 from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Medium
 
-# The tags that FFmpeg 7's decoder reads and that describe how pixels are stored. In strict mode it refuses all other
-# tags,
-# such as orientation, page or software, which other programs write.
+# The tags that FFmpeg 7's decoder reads and that describe how pixels are stored. In strict mode the decoder refuses all
+# other tags, such as orientation, page or software, which other programs write.
 KNOWN = {
     *(254, 256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 282, 283, 284),
     *(292, 293, 317, 320, 322, 323, 324, 325, 330, 530),

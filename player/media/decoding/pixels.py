@@ -243,7 +243,7 @@ def _semi_planar_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) 
 
 
 def _packed_422(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
-    """Read yuyv422 and its variants: two pixels in four samples. y210 is the same with the bits at the top."""
+    """Read yuyv422 and its variants: two pixels in four samples. y210 has its bits at the top of 16."""
     depth = int(match["depth"] or 8)
     order = match["letters"] or "yuyv"
     pairs = -(-frame.width // 2)
