@@ -19,6 +19,7 @@ from counterlight.errors import InputError
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.pipeline.operators import compensation
+from counterlight.files.picture_files import write_png
 from counterlight.response import parse_response
 from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
@@ -437,6 +438,15 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         for name in ("true", "acquired")
     ]
     assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+
+    picture = tmp_path / "picture.png"
+    write_png(
+        picture, np.rint(255 * typical_pictures(room.camera.shape)[0][..., None].repeat(3, axis=2)).astype(np.uint8)
+    )
+    printed = here("verify", tmp_path / "acquired", picture, "--camera", f"simulated:{scene}")
+    inside = re.search(r"(\S+) % of the captured values are inside the 90 % interval", printed)
+    assert inside
+    assert float(inside[1]) == pytest.approx(90, abs=5)
 
 
 @pytest.mark.parametrize("hidden", [0, 8])

@@ -34,6 +34,7 @@ from counterlight.tools.factoring.factoring import Factoring, compacted, factore
 from counterlight.tools.joining.projectors import colour_lines, joined, with_monitors
 from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.solve.box import CHECK_EVERY, Box
+from counterlight.tools.transport.interval import Interval, fit_interval, write_interval
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import write_transport
@@ -85,6 +86,8 @@ def acquire_room(
             found = _together(parts, plan.monitors, views_of(camera))
             room, transport = found.calibration, found.transport
             write_transport(transport, stage)
+            if (interval := _interval(parts, found)) is not None:
+                write_interval(interval, stage)
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
@@ -168,6 +171,20 @@ def _lit(
     for view in parts_of(cameras):
         mask[view] = directly_lit(transport.at(pixels[view].ravel()), ambient[view], projector, noise)
     return mask
+
+
+def _interval(parts: Sequence[_Part], found: SharedRoom) -> Interval | None:
+    """Fit a prediction interval to the two random pictures that no scheme has seen.
+
+    Returns None for several projectors or cameras, and for mixed channels, whose light T alone does not predict.
+    """
+    room, done = found.calibration, parts[0].done
+    checks = [check.lights for check in (done.check, done.coloured) if check and check.lights is not None]
+    is_plain = len(parts) == 1 and len(room.cameras) == 1
+    if len(checks) < 2 or not is_plain or tier_of(room, found.transport).mixing.neutral is not None:
+        return None
+    predicted, captured = np.swapaxes(np.stack(checks), 0, 1).reshape(2, -1, *room.ambient.shape) + done.room.black
+    return fit_interval(predicted, captured, room.mask)
 
 
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:

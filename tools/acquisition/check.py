@@ -5,7 +5,7 @@ camera's channel k sees c_k = Σ_l r_kl (T_k p_l), where T is measured with whit
 of a pixel's light that each primary gives.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -31,11 +31,13 @@ class Check:
     error : RMS difference of predicted and captured light, relative to the captured light.
     noise : the part of the error that the camera's noise explains.
     of : name of the picture.
+    lights : predicted and captured light above black, (2, camera pixels, 3).
     """
 
     error: float
     noise: float
     of: str = "a random pattern"
+    lights: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def excess(self) -> float:
@@ -98,7 +100,8 @@ def _compared(predicted: FloatArray, room: Reference, capture: FloatArray, *, wa
         predicted = predicted * np.sum(predicted * seen, axis=0) / whole
     scale = np.sqrt(np.sum(seen**2))
     noise = np.sqrt((1 + 1 / room.repeats) * np.sum(room.noise.sigma(seen) ** 2))
-    return Check(float(np.sqrt(np.sum((predicted - seen) ** 2)) / scale), float(noise / scale))
+    error = float(np.sqrt(np.sum((predicted - seen) ** 2)) / scale)
+    return Check(error, float(noise / scale), lights=np.stack([predicted, seen]))
 
 
 def _three(values: NDArray[np.generic]) -> FloatArray:

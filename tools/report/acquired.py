@@ -213,7 +213,7 @@ def _of_projector(device: Device, report: ProjectorReport) -> dict[str, Any]:
     return {
         "width": device.width,
         "height": device.height,
-        "check": {**asdict(done.check), "suspect": report.suspect},
+        "check": {name: getattr(done.check, name) for name in ("error", "noise", "of")} | {"suspect": report.suspect},
         "coloured_check": None if done.coloured is None else {
             "error": done.coloured.error, "noise": done.coloured.noise,
         },
