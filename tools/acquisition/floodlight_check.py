@@ -93,7 +93,7 @@ class Looked:
     def asking(self, asked: tuple[bool, ...], exposures: FloatArray) -> "Looked":
         """Returns the room restricted to some cameras, with each camera's light divided by its exposure.
 
-        exposures : (cameras, 3). Light of each camera relative to what it would have been.
+        exposures : (cameras, 3). Exposure of each camera relative to its exposure at the calibration.
         """
         black, white = (divided(picture, self.known.room, exposures) for picture in (self.black, self.white))
         return Looked(self.known, black, white, self.noise, self.usable, asked)

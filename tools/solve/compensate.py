@@ -41,7 +41,7 @@ HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  
 class CompensateOptions:
     """Options of a compensation.
 
-    solvers : one of COMPENSATIONS.
+    solvers : names in COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most this many projector pixels (thesis 4.2.2).
     white : radiance of a white picture; None for what most of the room can reach.
     colour : one of COLOURS.

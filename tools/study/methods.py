@@ -73,7 +73,7 @@ class Method(Protocol):
     """A way to compute drives.
 
     family, knob, value : position in the plots.
-    command : the commands that give a user the same.
+    command : the commands with which a user gets the same result.
     made : key of the prepared data; methods with the same key share it.
     """
 

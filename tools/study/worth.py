@@ -5,8 +5,9 @@ two errors of a T that lacks the effect. The first error is the loss when the be
 with the effect. The second error is how far the PSNR that this T predicts for the drive is wrong.
 
 Both errors depend on how good a picture can get, and therefore on its smoothness from pixel to pixel. The small room
-therefore shows windows of pictures of the scene's own size. A small shadow costs quality only where it falls. No window
-there represents the whole picture. The change in the worst window therefore counts, against the error of all windows.
+therefore shows windows of pictures of the scene's own size. A small shadow costs quality only where it falls, and a
+window with the shadow does not represent the whole picture. The change in the worst window is therefore compared with
+the error of all windows.
 """
 
 from collections.abc import Collection, Mapping, Sequence

@@ -22,7 +22,7 @@ from counterlight.tools.watching.watcher import Sight
 from counterlight.unattended.json_lines import encode
 from counterlight.unattended.watch_link import Answer
 
-EVERY_S, PAUSE_S = 60.0, 10.0  # between pictures without a change of the state, and with one
+EVERY_S, PAUSE_S = 60.0, 10.0  # seconds between pictures: without a change of the state, and with one
 MOST_BYTES = 256 << 20  # limit for all pictures
 MOST_LINES = 4 << 20  # bytes of each of two files
 STATES, OLDER = "states.jsonl", "states-older.jsonl"

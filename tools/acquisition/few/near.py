@@ -169,7 +169,7 @@ def _bent(
 
 
 def _elsewhere(far: Far, windows: Windows) -> Far:
-    """Light camera pixels without a place from everywhere, if there is far light at all."""
+    """Give camera pixels without a place only far light, if the room has any."""
     own = np.divide(1, far.around, out=np.zeros_like(far.around), where=far.around > 0)
     own[windows.pixel] = far.own[windows.pixel]
     return replace(far, own=own)

@@ -4,8 +4,9 @@
 2. Red, green and blue, whose sum is the floodlight.
 3. Ramps of three directions in three colours. They give the projector's response and the rough place of each spot.
 4. Grey sines (phase shifts; Srinivasan et al. 1984). They give the exact place and the width of the spot.
-5. Random pictures, independent in red, green and blue. They say three times as much about the shapes of spots and about
-   far light as black-and-white pictures. An occasional white tests whether light adds up and whether anything moved.
+5. Random pictures, independent in red, green and blue. They tell three times as much about the shapes of spots and
+   about far light as black-and-white pictures. An occasional white tests whether light adds up and whether anything
+   moved.
 
 No picture depends on another picture's capture or on the number of pictures.
 """

@@ -124,6 +124,6 @@ class Seen:
 
 
 def some(pixels: IntArray, numbers: int) -> Iterator[slice]:
-    """Yield slices of pixels whose equations, of `numbers` numbers per pixel, fit into memory."""
+    """Yield slices of pixels whose equations fit into memory; each pixel needs `numbers` numbers."""
     at_once = max(NUMBERS_AT_ONCE // max(numbers, 1), 16)
     yield from (slice(start, start + at_once) for start in range(0, len(pixels), at_once))

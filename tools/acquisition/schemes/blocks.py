@@ -289,7 +289,7 @@ def _readable(far: FarLight) -> FarLight:
     of = np.repeat(np.arange(U.columns), parts)  # the old cell of each new cell
     place = np.concatenate([[0], np.cumsum(parts)])[U.indices] + rank // MOST_READ
     mix = np.zeros((3, cells, cells))
-    first = np.flatnonzero(np.diff(of, prepend=-1))  # gathering is not split: the first new cell takes it all
+    first = np.flatnonzero(np.diff(of, prepend=-1))  # only scattering is split: the first new cell gathers all light
     mix[:, :, first] = far.mix.matrices[:, of]
     D = far.gather
     lengths = np.zeros(cells, np.int64)
