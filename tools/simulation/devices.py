@@ -178,7 +178,7 @@ class Camera(Device):
 
     bloom_share : share of light that lens and sensor scatter into a halo.
     bloom_radius : angle of the halo, radians.
-    mixing : (3, 3), channel by primary. What each channel sees of each primary on neutral paint; None: only its primary.
+    mixing : (3, 3), channel by primary. What each channel sees of each primary on neutral paint; None: only its own.
     mosaic : colour filters of two rows of two pixels, one of MOSAICS; None: every pixel sees all colours.
     """
 

@@ -1,4 +1,4 @@
-"""Question: what does a shift of the projector's picture after calibration cost, and what does tolerance of shifts cost?"""
+"""Question: what does a shift of the picture after calibration cost, and what does tolerance of shifts cost?"""
 
 import numpy as np
 from scipy import ndimage
