@@ -77,7 +77,7 @@ def test_what_they_share_is_captured_once(acquired: Path) -> None:
 
 @pytest.mark.parametrize("left", [3 * REPEATS - 5, 3 * REPEATS + 2 * len(light_level(LEFT).patterns)])
 def test_an_interrupted_one_goes_on_where_it_stopped(truth: Path, acquired: Path, tmp_path: Path, left: int) -> None:
-    """Interrupted within the floodlights, and within the first projector's scheme."""
+    """The run is interrupted among the floodlights, and in the first projector's scheme."""
     whole, torn = acquired.with_name("acquired.captures"), tmp_path / "again.captures"
     shutil.copytree(whole, torn)
     unfinished(torn)

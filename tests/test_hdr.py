@@ -212,7 +212,7 @@ def test_debevecs_system_is_the_papers(rng: np.random.Generator) -> None:
 
 
 def test_opencv_recovers_the_same_response_by_robertson(rng: np.random.Generator) -> None:
-    """Compared on every pixel after equal rounds; codes near the ends differ, because OpenCV counts clipped codes."""
+    """Every pixel is compared after equal rounds; codes near the ends differ, because OpenCV counts clipped codes."""
     times = [2.0**i for i in range(-8, 3)]
     light = random_scene(rng, (96, 96, 1))
     codes = [codes_of(light, t, CURVES["film"]).repeat(3, axis=2) for t in times]

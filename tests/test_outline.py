@@ -60,7 +60,7 @@ def test_dots_are_edged_handles_lie_over_them_and_nothing_is_drawn_outside() -> 
 
 
 def test_in_a_window_the_outline_follows_the_part_that_is_shown() -> None:
-    """A point is at (12, 3) of a raster of 20x10. The right half, from x 10, appears at twice its size at (4, 2)."""
+    """A point is at (12, 3) of a raster of 20x10. A window shows the half from x = 10 at twice its size at (4, 2)."""
     page = Page((), outline=Outline(np.array([(12.5 / 20, 3.5 / 10)]), np.empty((0, 2))))
     overlay = overlay_of(page, (40, 30), (20, 10), Region(10, 0, 10, 10), (4, 2, 20, 20))
     assert overlay.shape == (30, 40, 4)

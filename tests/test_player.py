@@ -388,7 +388,7 @@ def test_an_interrupt_leaves_the_previous_map(
     for step in (
         "counterlight.maps.row_map.write",
         "counterlight.tools.inverse.near_light.join",
-    ):  # while writing, and while computing
+    ):  # while writing; while computing
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)
             assert build_correction_map.main([str(room)]) == 130

@@ -194,7 +194,7 @@ def test_the_optimum_is_well_above_what_is_projected_plainly_and_darkness_is_no_
     assert shown.psnr > 25 > 15 > plainly.psnr
     assert shown.inside > 30
     assert shown.delta_e < 4 < plainly.delta_e
-    assert plainly.everywhere >= plainly.psnr  # outside the view, plain projection is as good as anything
+    assert plainly.everywhere >= plainly.psnr  # outside the view, plain projection is as good as any
     black = np.zeros_like(codes)
     assert judge.outside(question, black).flare == pytest.approx(0, abs=1e-6)
     assert judge.outside(question, np.full_like(codes, 255)).flare > judge.outside(question, plain).flare > 0

@@ -27,7 +27,7 @@ from tests.mutants import LONGEST_COMPLAINT, mutant
 from tests.rooms import write_blurred_room
 
 FRAMES, LAPS = 8, 2
-QUIET = 0  # av.logging: FFmpeg's messages about a damaged file are not for the warden
+QUIET = 0  # level of av.logging that hides FFmpeg's messages about damaged files
 ROOM = "room"
 CLIPS: dict[str, dict[str, Any]] = {
     "ffv1.mkv": {"codec": "ffv1"},

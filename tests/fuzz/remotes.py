@@ -29,7 +29,7 @@ from tests.rooms import write_blurred_room
 from tests.test_live import Sender, udp_port
 
 CLIENTS, LOSS = 20, 0.02
-LATEST_S = 2.0  # the bound of the requirement, after a beat is due
+LATEST_S = 2.0  # largest allowed delay of a heartbeat
 INTERVAL_S = 1.0
 PATIENCE_S = 60.0
 PAUSE_S = 0.03  # between requests that wait for their answers

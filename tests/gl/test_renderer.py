@@ -326,7 +326,7 @@ def dense(packed: RowMap) -> np.ndarray:
 def test_a_step_that_does_not_compile_is_refused_with_its_room(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever the present view draws: a key may ask for compensation later."""
+    """The refusal does not depend on the present view, because a key may turn compensation on later."""
     original = shaders.read_source
     broken = "#version 330 core\nvoid main() { nothing }"
     monkeypatch.setattr(

@@ -47,7 +47,8 @@ NEARBY = 4  # frames around the stated position that a displayed picture may sho
 class Event:
     """Something that happens to a room during a show.
 
-    changed : the devices a time after the event, from the devices before. Times before the event are negative.
+    changed : function of the devices before the event and of the seconds since the event, negative before it; returns
+        the devices at that time.
     person : as in WatchedRoom, for a view (height, width).
     unplugged : whether captures stop at the event; frozen: whether they repeat.
     """

@@ -88,7 +88,7 @@ class WatchedRoom:
     def capture(self, time_s: float, frames: Sequence[Frame]) -> tuple[float, NDArray[np.uint8]]:
         """Expose until `time_s`; returns the arrival and 8-bit codes (height, width, 3).
 
-        frames : in order of time; the last one stands.
+        frames : in order of time; the last frame stays on the screen.
         """
         camera, rig = self._camera, self.rig_at(time_s)
         height = rig.camera[0]

@@ -367,8 +367,8 @@ def _milliseconds(room: Room, frame: Frame, places: Sequence[object]) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scene", nargs="+", choices=SUBJECTS, default=list(SUBJECTS))
-    parser.add_argument("--price", action="store_true", help="milliseconds and memory instead")
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="errors of the first scene instead")
+    parser.add_argument("--price", action="store_true", help="print only milliseconds and memory")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw only the errors of the first scene")
     options = parser.parse_args()
     if options.price:
         price()

@@ -54,7 +54,7 @@ def row(name: str, ways: Ways, way: Way, where: BoolArray) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("picture", type=Path, nargs="?", help="PNG: the rooms, below them their ways")
+    parser.add_argument("picture", type=Path, nargs="?", help="draw the rooms, and their ways below, into this PNG")
     options = parser.parse_args()
     print("| room | way | of its surface | elsewhere | another way | of all light |\n|---|---|---|---|---|---|")
     drawn = []
