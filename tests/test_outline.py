@@ -26,7 +26,7 @@ def test_points_run_round_the_corners_a_camera_pixel_apart() -> None:
 
 @pytest.mark.parametrize("wide", [False, True])
 def test_a_point_stands_where_the_projector_lights_it_most(wide: bool) -> None:
-    """Projector pixels (1, 0) and, stronger, (4, 2) light camera pixel (x 2, y 1). (0, 1) lights the last pixel."""
+    """Projector pixels (1, 0) and (4, 2) light camera pixel (2, 1), the second more. (0, 1) lights the last pixel."""
     lengths = np.zeros(24, np.int64)
     lengths[1 * 6 + 2], lengths[-1] = 2, 1
     rows = SparseRows(

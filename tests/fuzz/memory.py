@@ -32,7 +32,7 @@ MOST_GROWTH = 10 << 20  # in any run
 STEP, PER_ACT = (
     4 << 20,
     MOST_GROWTH / 1000,
-)  # in a short run: Python's name table is occasionally rebuilt, larger
+)  # bytes in a short run: Python's name table occasionally grows
 WARM_UP, SAMPLES = 20, 15  # actions before the first measurement; measurements per median
 DAY_S = 24 * 3600
 SETTLED_S = 0.1  # a setting takes a frame or two

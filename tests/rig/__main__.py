@@ -1,6 +1,6 @@
-"""python -m tests.rig: how the product does in rooms that are not its own model of them.
+"""python -m tests.rig: quality of the product in rooms that its own simulator did not make.
 
-Each room is acquired, built and shown by the documented commands; a simulated eye of another making judges. All of it
+Each room is acquired, built and shown by the documented commands; an independent simulated camera judges. All of it
 is simulated: see docs/rig.md for what the columns mean.
 """
 

@@ -85,7 +85,7 @@ def main() -> None:
         "| below the optimum, dB: photograph, half, spots, soft |"
     )
     print("|---|---|---|---|---|---|---|")
-    factored(radiosity_corner(0.2), np.zeros((24, 32, 3)))  # compiles
+    factored(radiosity_corner(0.2), np.zeros((24, 32, 3)))  # compiles the loops before the timing
     for name, T in rooms.items():
         assert T.camera is not None
         assert T.projector is not None

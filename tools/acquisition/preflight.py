@@ -20,7 +20,7 @@ from counterlight.tools.acquisition.plan import Codes, Reference, codes_of, mean
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has arrived and an automatic exposure has acted
 TRIALS = 3
-LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # share of the brightest rise; shares of the camera's pixels
+LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # share of the brightest rise; lit shares of the camera's pixels
 MOST_SATURATED, LEAST_BRIGHT = 0.02, 0.25
 MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # shares of the projector's light
 OBEYED = 0.15  # tolerance: half the exposure time must give half the light

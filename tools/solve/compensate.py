@@ -33,7 +33,7 @@ from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
 FAR_ROUNDS = 20
-FAR_TOLERANCE = 0.1 / 255  # drive
+FAR_TOLERANCE = 0.1 / 255  # change of drive that ends the iteration; a smaller excess over 0..1 is no clipping
 HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB  light outside %"
 
 

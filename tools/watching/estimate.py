@@ -29,7 +29,7 @@ NEW = 0.03  # change of the picture, RMS of drive, from which on a capture count
 OLD = 0.1  # weight of a capture of the same picture, relative to a full weight
 COARSE = 1.5  # rounding errors that a whole picture may have in common
 DIM = 0.05  # share of white; in a darker film, noise does not blur code values
-CAMERA_MOVED = 0.1  # camera pixels
+CAMERA_MOVED = 0.1  # camera pixels; a camera with a smaller shift has not moved
 
 
 @dataclass(frozen=True)
