@@ -91,7 +91,7 @@ def finest(pictures: int) -> Level:
 
 def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
     aim = Aim(error=0.01)
-    averaging = Averaging(aim, 0.05, paced(1.0), until_s=251.0)  # 25 times for the aim; one second remains
+    averaging = Averaging(aim, 0.05, paced(1.0), until_s=251.0)  # the aim needs 25 captures; one second remains
     assert averaging.chosen(finest(10)) == 25
     assert Averaging(aim, 0.05, paced(1.0), 250.9).chosen(finest(10)) == 24
     assert Averaging(aim, 0.05, paced(1.0), 5.0).chosen(finest(10)) == 1

@@ -152,7 +152,7 @@ def test_zero_rows_and_columns_change_nothing_for_the_others(method: str) -> Non
     p = unclamped(case, method)
     assert not p[np.setdiff1d(np.arange(p.size), columns)].any()
     if "auto" not in method:  # λ is chosen on pictures of the camera's size, which differs
-        tolerance = 5e-3 if method == "box" else 1e-6  # its gap is relative to a target that includes the dark rows
+        tolerance = 5e-3 if method == "box" else 1e-6  # the box's gap refers to a target with the dark rows
         np.testing.assert_allclose(p[columns], unclamped(compact, method), rtol=1e-6, atol=tolerance)
 
 

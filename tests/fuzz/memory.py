@@ -28,7 +28,7 @@ from tests.programs import descendants, wait_until
 from tests.remote import Client, show
 from tests.rooms import random_room, write_blurred_room
 
-MOST_GROWTH = 10 << 20  # in any run
+MOST_GROWTH = 10 << 20  # bytes, however long the run is
 STEP, PER_ACT = (
     4 << 20,
     MOST_GROWTH / 1000,
@@ -95,7 +95,7 @@ class Reloads(_Growth):
 class Loadfiles(_Growth):
     name, count = "loadfiles", 100
     purpose = "another medium of another size; memory must stay flat"
-    per_act = 2 * PER_ACT  # fewer actions, and equal variation of the heap
+    per_act = 2 * PER_ACT  # the run has fewer actions, but the heap varies as much
 
     def act(self, client: Client, process: Any) -> Act:
         names = list(CLIPS)

@@ -38,7 +38,7 @@ from tests.rooms import (
     yuv_frame,
 )
 
-FLOAT_ATOL = 1e-5  # the bound of the requirement; float32 sums of at most 20 terms of size 3 are far below
+FLOAT_ATOL = 1e-5  # the required tolerance; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
 
 

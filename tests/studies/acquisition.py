@@ -49,7 +49,7 @@ DETAILS = 1, 6  # camera pixels per picture pixel
 LARGEST_DENSE = 20000  # largest projector, in pixels, for which the scheme pixel by pixel is tried
 GAP = 0.01  # share of the remaining squared error: 0.04 dB
 SHOTS = 16
-STRIP = 2048  # camera pixels compared at once
+STRIP = 2048  # camera pixels that are compared at a time
 COLUMNS = (
     "room",
     "camera, projector",

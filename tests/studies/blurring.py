@@ -30,7 +30,7 @@ from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
 SIZE, TOP, BAND, SAMPLED = (1080, 1920), 152, 8, 32
-WINDOWS = (100, 200), (460, 880), (800, 1500)  # upper left corners in a film of that size
+WINDOWS = (100, 200), (460, 880), (800, 1500)  # upper left corners of the windows in a film of that size
 LIMITS = blurring.LIMITS[7:11]
 OTHER_POINTS = 7 * SIZE[0] * SIZE[1]  # added to a pixel's number, from which its points of the lens follow
 

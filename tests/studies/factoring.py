@@ -18,7 +18,7 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import Transport, channels
 from tests.dense_rooms import radiosity_corner
 
-PATHS, NOISE, SHARP = 500, 0.5, 50.0  # paths per camera pixel; of the faint entries' mean; times a row's mean
+PATHS, NOISE, SHARP = 500, 0.5, 50.0  # paths per camera pixel; share of faint entries' mean; multiple of a row's mean
 
 
 def traced(T: Transport, rng: np.random.Generator) -> Transport:

@@ -22,7 +22,7 @@ from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, WAYS, Way, Ways, ways_of
 
 CAMERA, PROJECTOR = (72, 96), (72, 96)
-ROOMS = {  # name: way, and number of its surface; None where all surfaces have it
+ROOMS = {  # name of a room: its way, and the number of the surface with it; None for all surfaces
     "wall": (BOUNCED, None),
     "corner": (BOUNCED, None),
     "skull": (SCATTERED, 1),
