@@ -125,7 +125,7 @@ def test_a_white_segment_adds_to_grey_alone() -> None:
     red[..., 0] = 255
     assert np.array_equal(plain.light(red), segment.light(red))
     assert segment.light(white) == pytest.approx(segment.brightest)
-    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # differs by the black level
+    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # off by the black level
 
 
 def test_colour_processing_brightens_saturated_colours_and_is_undone(rng: np.random.Generator) -> None:

@@ -1,6 +1,6 @@
 """Damaged media: small clips of many containers and codecs, pictures and sequences, through the real decoder's process.
 
-A medium may kill a decoder. The player may not die, and reports the medium in one line. Frames keep the format that
+A medium may kill a decoder. The player must survive, and report the medium in one line. Frames keep the format that
 was announced.
 """
 

@@ -17,7 +17,7 @@ from counterlight.gl.passes import picture_texture
 from tests.bench.frames import CAMERA, PROJECTOR, clock_of, local_map
 
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "scaling.png"
-SCALES, SIDES = (1, 2, 3, 4), (2, 4, 6, 8)  # multiples of half the benchmark's sides; sides of a row's square of entries
+SCALES, SIDES = (1, 2, 3, 4), (2, 4, 6, 8)  # multiples of half the benchmark's sides; side of a row's square of entries
 REPEATS = 15
 
 

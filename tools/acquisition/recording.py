@@ -126,7 +126,7 @@ class Recorder:
         return self._store.averaged
 
     def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
-        """Returns whether to capture colours of a projector: never for captures of older versions, else see Store."""
+        """Returns whether to capture colours of a projector: False for captures of older versions, else as in Store."""
         return self._store.has_colours(number, lambda: not self._store.has(self._count) and choose())
 
     def taken_since(self) -> tuple[int, int, float, int]:

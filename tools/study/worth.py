@@ -37,7 +37,7 @@ MOST_BENT = 0.25  # largest slope of a lens that does not fold: three pixels in 
 GAP, MOST_STEPS = 3e-3, 300  # relative gap of the box optimum, 0.013 dB; limit of steps for a T that lacks an effect
 # no picture exists without direct light; T does not contain the others
 UNJUDGED = ("direct", "flicker", "capture_noise")
-FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers per pixel: no time to save
+FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # few numbers per pixel: too fast to leave out
 SPENT = 0.5  # share of a tolerance that the small room may lose
 
 

@@ -21,14 +21,14 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.screen import Screen
 from counterlight.tools.transport.transport import Csr, Transport, channel, luminance, luminance_matrix
 
-LEAST_TRUST = 0.01  # for pixels outside the mask
+LEAST_TRUST = 0.01  # trust in pixels outside the mask
 CUT_TRUST = 0.1  # 0.05: scene corner is worse than direct mapping on lit pixels; 1: twice the light outside its view
 CLEAR = 0.01  # share of the bright pixels' light; darker light may be noise
 BRIGHT_PERCENTILE = 99
 CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # relative to the largest share of one line in a whole footprint
 UNTOUCHED = 0.05  # share of a row's light at the border, below which its footprint is certainly whole
 NEARBY = 9  # camera pixels per side, over which whole footprints are averaged
-FEW = 0.1  # share of those pixels
+FEW = 0.1  # least share of those pixels
 LARGEST_PERCENTILE = 99.0  # percentile of areas; folds of a screen that is continued far have any area
 LEAST = 1e-3  # smallest weight; pixels that other cameras see better are kept
 

@@ -201,7 +201,7 @@ class Estimate:
 
 
 def _units(layout: Layout) -> FloatArray:
-    """Return the largest deviations of components that may change, (n, n); mean ambient light may be less sure."""
+    """Return the largest allowed deviations of components, (n, n); the mean of ambient light is allowed more."""
     units = np.full(layout.size, UNSURE_PX)
     units[layout.all_gains], units[layout.camera] = UNSURE_LIGHT, UNSURE_CAMERA
     found, even = np.diag(units), np.full((layout.field, layout.field), 1 / layout.field)

@@ -1,7 +1,7 @@
 """Records captures and decisions of the watcher (`--watch-record`) in a folder of limited size.
 
-Names begin with the local time and the state. `…-capture.png` is the capture, `…-shown.png` the reduced projector
-pictures during its exposure, and `…-blocks.png` the measured next to the predicted blocks, relative to white.
+Names begin with the local time and the state. `…-capture.png` is the capture. `…-shown.png` has the reduced
+projector pictures during the exposure. `…-blocks.png` has the measured next to the predicted blocks, relative to white.
 `states.jsonl` has a line of JSON for every change of the state, and every EVERY_S.
 """
 
