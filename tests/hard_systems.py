@@ -154,7 +154,7 @@ def denormal_weights() -> HardCase:
 
 
 def defocused_wall(condition: float) -> HardCase:
-    """White wall out of focus: the Gaussian is as wide as gives T this condition number.
+    """White wall out of focus: the width of the Gaussian gives T this condition number.
 
     b is the light of a photograph on the projector, with 1 % noise.
 

@@ -275,7 +275,7 @@ def test_captures_of_a_picture_that_stands_follow_each_other_without_a_wait(rng:
         before = eye.waited
         camera.capture(number, picture)
         waits.append(eye.waited - before - 1)
-    camera.show(black)  # another user of the camera, as the checks are
+    camera.show(black)  # the checks also show pictures between captures
     camera.capture(4, white)
     assert [*waits, eye.waited - before - 1 - (3 + 1)] == [3, 0, 3, 3, 3]
 

@@ -44,7 +44,7 @@ class Frame:
 
 
 def since(change_s: float, **changes: Any) -> Callable[[Devices, float], Devices]:
-    """Returns the devices at a time, from the devices before a change."""
+    """Returns a function of the devices before a change and of a time; it returns the devices at that time."""
     return lambda before, time_s: replace(before, **changes) if time_s >= change_s else before
 
 

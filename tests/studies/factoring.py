@@ -46,7 +46,7 @@ def noisy(T: Transport, rng: np.random.Generator) -> Transport:
 
 
 def losses(T: Transport, found: Transport) -> FloatArray:
-    """Returns dB below T's optimum, for the pictures of losses.py."""
+    """Returns dB below T's optimum for each picture of losses.py, by the drives of `found`."""
     assert T.camera is not None
     assert T.projector is not None
     mask = directly_lit(T, np.zeros((*T.camera, 3)), T.projector)

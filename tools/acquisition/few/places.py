@@ -21,7 +21,7 @@ LEAST_DIRECT = 0.3  # share of the neighbours' contrast; a pixel with less sees 
 STRETCHES = np.linspace(0, 0.6, 13)  # shares of far light to try; far light flattens ramps
 NARROWEST, WIDEST = 0.02, 0.9999  # limits of the contrasts from which widths are computed
 MENDED = 2  # corrections of a phase for the spot's width and the response
-STEPS = 3  # Newton steps for rough places
+STEPS = 3  # steps of Newton's method for rough places
 REACH = 8  # projector pixels
 
 
