@@ -34,7 +34,7 @@ SHOW: dict[str, object] = {
     **{"corners": None, "flicker": 0.0, "clipping": False, "budget": "no", "within": "no"},
     **{"monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
 }
-HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # not drawn: paths, no kind of values
+HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and properties without a kind to draw from
 DARK = 20  # code value; the clip's pictures have brighter places
 
 
