@@ -27,7 +27,7 @@ from tests.programs import PATIENCE_S, descendants
 from tests.warm_start import compile_one_at_a_time
 
 ROOT = Path(__file__).resolve().parents[1]
-MEMORY, ROOM_BYTES = Path("/dev/shm"), 1 << 30  # a whole run uses a fifth of this
+MEMORY, ROOM_BYTES = Path("/dev/shm"), 1 << 30  # bytes that must be free there; a whole run uses a fifth
 
 
 def _keeps_files(folder: Path) -> bool:

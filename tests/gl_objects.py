@@ -2,7 +2,7 @@
 
 import ctypes
 
-# Query is missing: moderngl's has no release and lives as long as its context.
+# Query is missing: moderngl's queries have no release and live as long as their context.
 KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "VertexArray", "Program", "Sampler")
 NAMES = range(1, 513)  # drivers assign the smallest free name
 GL_DELETE_STATUS, GL_LINK_STATUS = 0x8B80, 0x8B82

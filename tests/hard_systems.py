@@ -154,7 +154,7 @@ def denormal_weights() -> HardCase:
 
 
 def defocused_wall(condition: float) -> HardCase:
-    """White wall out of focus: the Gaussian is as wide as gives T this condition number.
+    """White wall out of focus: the width of the Gaussian gives T this condition number.
 
     b is the light of a photograph on the projector, with 1 % noise.
 
@@ -229,7 +229,7 @@ def misaligned(pixels: float) -> HardCase:
 
 
 def far_light(share: float) -> HardCase:
-    """Wall slightly out of focus whose camera pixels all see the whole room's light, `share` times as bright."""
+    """Wall slightly out of focus. Far light, `share` times as bright as near light, reaches all camera pixels."""
     wall = defocused_wall(1e2)
     leaves, arrives = rng(13).uniform(0.8, 1.2, wall.T.shape[0]), rng(14).uniform(0.8, 1.2, wall.T.shape[1])
     arrives *= share / wall.T.shape[1]

@@ -16,7 +16,7 @@ from counterlight.errors import InputError
 from counterlight.media.video import Frame, MediaReader
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
-SHARED = (Path(__file__).parents[2] / "shared" / "data").resolve()  # resolved like the paths in errors
+SHARED = (Path(__file__).parents[2] / "shared" / "data").resolve()  # errors also name resolved paths
 TIMEOUT_S = 60.0  # never reached in a passing test
 RATE = 25
 # The bits differ in time: 0.04 s per frame is not a binary fraction, and containers round to their time base.

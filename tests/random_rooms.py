@@ -15,8 +15,8 @@ from tests.grey_rooms import GreyRoom
 
 KINDS = ("plain", "glass", "lens", "fold", "ghost")
 RATIOS = (0.6, 0.8, 1.3, 1.8, 2.5)  # camera pixels per projector pixel, along a side
-RAYS = 4  # per pixel, along a side
-CELLS = 1.6  # per pixel of the finer device, along a side
+RAYS = 4  # rays per pixel, along a side
+CELLS = 1.6  # surface cells per pixel of the finer device, along a side
 WAVES = 6
 
 Bend = Callable[[np.ndarray], np.ndarray]

@@ -58,7 +58,7 @@ class Sample:
     read: Callable[[Path], object]
 
     def outcome(self, path: Path, content: bytes) -> str:
-        """Outcome of reading another content."""
+        """Outcome of reading the file with another content."""
         path.write_bytes(content)
         return outcome(lambda: self.read(path))
 

@@ -77,7 +77,7 @@ def test_what_they_share_is_captured_once(acquired: Path) -> None:
 
 @pytest.mark.parametrize("left", [3 * REPEATS - 5, 3 * REPEATS + 2 * len(light_level(LEFT).patterns)])
 def test_an_interrupted_one_goes_on_where_it_stopped(truth: Path, acquired: Path, tmp_path: Path, left: int) -> None:
-    """Interrupted within the floodlights, and within the first projector's scheme."""
+    """The run is interrupted among the floodlights, and in the first projector's scheme."""
     whole, torn = acquired.with_name("acquired.captures"), tmp_path / "again.captures"
     shutil.copytree(whole, torn)
     unfinished(torn)
@@ -111,7 +111,7 @@ def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, t
         columns = np.ma.median(np.ma.array(light[..., 1], mask=~mask), axis=0)
         stripes.append(columns[inside].mean() - columns[edge : OVERLAP.start - 2].mean())
     assert stripes[0] > 0.011  # 0.03 in the overlap, 0.018 at the left
-    assert abs(stripes[1]) < 0.001  # 8 steps even out pixels of random albedo this far
+    assert abs(stripes[1]) < 0.001  # 8 steps leave this error at pixels of random albedo
 
 
 def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,7 +65,7 @@ from tests.programs import here, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 
 FIRST = 2 * REPEATS + 2 * SHOTS  # black, floodlight, and a picture and its complement
-TAKEN = FIRST + len(light_level(PROJECTOR).patterns)  # before the first pattern of a scheme
+TAKEN = FIRST + len(light_level(PROJECTOR).patterns)  # captures before the first pattern of a scheme
 
 # Interruptions.
 

@@ -16,7 +16,7 @@ from counterlight.tools.acquisition.schemes.smooth import smoothed
 from counterlight.tools.transport.transport import channel
 from tests.acquired_rooms import QUIET, SHAPE, error, mirror, room_of, run, sharp_wall, with_far_light
 
-BAND, TOGETHER = 100, 700  # camera pixels, connections
+BAND, TOGETHER = 100, 700  # camera pixels of a band; connections read at a time
 
 
 @pytest.fixture

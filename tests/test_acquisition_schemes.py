@@ -133,7 +133,7 @@ def test_what_is_known_adds_to_a_capture_as_much_as_its_blocks_are_lit(rng: np.r
 
 @pytest.mark.parametrize("repeated", [1, 1000])
 def test_a_capture_is_read_above_black_and_what_is_known(repeated: int, rng: np.random.Generator) -> None:
-    """Read in one thread for few entries and, repeated, on all cores."""
+    """One thread reads few entries. All cores read the repeated entries."""
     known, pattern = KnownLight(40, PROJECTOR), rng.random(PROJECTOR) < 0.3
     for part in known_parts(rng, 40):
         known.add(part)
@@ -189,7 +189,7 @@ def test_energy_is_kept_once(seed: int) -> None:
 
 
 def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: np.random.Generator) -> None:
-    """Compared with the normal equations of all 21 measurements of a tree of 4×4 pixels."""
+    """The estimate is compared with the normal equations of all 21 measurements of a tree of 4×4 pixels."""
     levels = grids((4, 4))
     blocks_of = [np.eye(grid.count)[grid.labels.ravel()].T for grid in levels]
     design = np.concatenate(blocks_of)
@@ -403,7 +403,7 @@ def test_each_scheme_with_noise(rng: np.random.Generator, far: float) -> None:
     # Photon noise of an entry of 0.25 is 1.4 %; unresolved far light in blocks adds to it.
     assert errors[0] < (0.05 if not far else 0.1)
     assert errors[1] < 0.05
-    assert errors[2] < (0.05 if not far else 0.4)  # its far light is below the noise
+    assert errors[2] < (0.05 if not far else 0.4)  # the far light is below the noise
     assert min(errors[3:]) > max(errors[:2])
     frame = 2 * REPEATS + 2 * SHOTS + len(light_level(PROJECTOR).patterns) + 3  # captures before and after a scheme
     assert pictures[2:4] == [frame + SHAPE[1], frame + 12 + 64]

@@ -368,7 +368,7 @@ def test_floats_that_look_like_codes_are_reported_by_a_warning(room: cl.Room) ->
         (np.ones((12, 16)), r"shape \(12, 16\), expected \(12, 16, 3\); repeat grey"),
         (np.ones((12, 16, 4)), r"shape \(12, 16, 4\), expected \(12, 16, 3\); leave the fourth channel out"),
         (np.ones((16, 12, 3)), "width and height are swapped"),
-        (np.ones((16, 3)), r"shape \(16, 3\), expected"),  # numpy would broadcast it
+        (np.ones((16, 3)), r"shape \(16, 3\), expected"),  # numpy would broadcast this shape
         (np.zeros((0, 3)), r"shape \(0, 3\), expected"),
         (np.full((12, 16, 3), np.inf), "NaN or infinity"),
         (np.full((12, 16, 3), 1e300), r"holds 1e\+300, expected at most"),

@@ -189,7 +189,7 @@ def holes(path: Path) -> None:
 
 def twice(path: Path) -> None:
     with warnings.catch_warnings(), zipfile.ZipFile(path, "a") as archive:
-        warnings.simplefilter("ignore")  # the second copy is what it warns of
+        warnings.simplefilter("ignore")  # zipfile warns of the second copy
         archive.writestr("data.npy", claiming("'<f4'", "(2,)", bytes(8)))
 
 

@@ -91,7 +91,7 @@ def finest(pictures: int) -> Level:
 
 def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
     aim = Aim(error=0.01)
-    averaging = Averaging(aim, 0.05, paced(1.0), until_s=251.0)  # 25 times for the aim; one second remains
+    averaging = Averaging(aim, 0.05, paced(1.0), until_s=251.0)  # the aim needs 25 captures; one second remains
     assert averaging.chosen(finest(10)) == 25
     assert Averaging(aim, 0.05, paced(1.0), 250.9).chosen(finest(10)) == 24
     assert Averaging(aim, 0.05, paced(1.0), 5.0).chosen(finest(10)) == 1
@@ -211,7 +211,7 @@ def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Genera
     assert error_by_noise(room, seen) == pytest.approx(0.949 * exact, rel=0.08)
 
 
-# On disk, and by the command.
+# The choice stays on disk, and for the command.
 
 
 def test_what_was_chosen_stays_chosen(tmp_path: Path) -> None:
@@ -275,7 +275,7 @@ def test_captures_of_a_picture_that_stands_follow_each_other_without_a_wait(rng:
         before = eye.waited
         camera.capture(number, picture)
         waits.append(eye.waited - before - 1)
-    camera.show(black)  # another user of the camera, as the checks are
+    camera.show(black)  # the checks also show pictures between captures
     camera.capture(4, white)
     assert [*waits, eye.waited - before - 1 - (3 + 1)] == [3, 0, 3, 3, 3]
 

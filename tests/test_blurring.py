@@ -93,7 +93,7 @@ def test_without_a_limit_t_is_what_it_was(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("limit", [0.03, 0.1, 0.2, 0.3, 0.5])
 def test_no_other_blocks_err_less_for_as_many_numbers(limit: float) -> None:
-    """Compared with all seventeen ways to divide sixteen pixels into blocks."""
+    """The choice is compared with all seventeen ways to divide sixteen pixels into blocks."""
     values = np.random.default_rng(3).uniform(0, 1, (4, 4, 3)) ** 4
     values[0, 1], values[2:, :2] = 0, 0.3
     near, scatter = in_cells(dense_rows(values.reshape(1, 16, 3).transpose(2, 0, 1)), (4, 4), limit)
@@ -238,7 +238,7 @@ def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> N
     white = np.percentile(T.composition(), 10)
     b = white * np.repeat(np.random.default_rng(7).choice([0.1, 0.9], (T.shape[0], 1)), 3, axis=1)
     errors = [np.sum((T.apply(Box(each).run(b)[0]) - b) ** 2) for each in (made, T)]
-    # This picture is noise, unlike the two of the choice. Blur removes most noise, so the loss is smaller.
+    # This picture is noise, unlike the two that decide. Blur removes most noise, so the loss is smaller.
     assert 10 * np.log10(errors[0] / errors[1]) < tolerance
 
 

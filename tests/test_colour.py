@@ -371,7 +371,7 @@ def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: n
     light, full = rng.uniform(-0.5, 1.5, (*camera, 3)), rng.uniform(0.2, 1, (*camera, 3))
     light[0] = 0.5 * full[0]
     found, clipped = mixing.within(light, full), np.clip(light, 0, full)
-    assert np.array_equal(found[0], light[0])  # within reach
+    assert np.array_equal(found[0], light[0])  # reachable light is unchanged
     assert ((found >= 0) & (found <= full)).all()
     assert mixing.pixel is not None
     matrices = WHEEL @ mixing.pixel.astype(np.float64)

@@ -105,7 +105,7 @@ def test_keys_run_commands_and_say_what_they_changed(commands: Commands, state: 
     assert keys.press("c", placing=False) == ""
     assert state.calls == [("two words", "3")]
     assert keys.press("d", placing=False) == "Gain: 3"
-    assert keys.press("p", placing=False) == ""  # unbound
+    assert keys.press("p", placing=False) == ""  # no command is bound to p
     assert keys.press("not a key", placing=False) == ""
     assert state.pause is True
     assert "no command 'quit'" in keys.press("q", placing=False)  # this registry lacks the command

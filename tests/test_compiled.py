@@ -225,7 +225,7 @@ def test_the_bytes_are_the_same_on_every_run_and_with_any_threads(
 
 
 def test_no_frame_compiles_anything_once_prepared() -> None:
-    """Run in its own process: pictures of an unforeseen type would compile a pass during a frame."""
+    """Pictures of an unforeseen type would compile a pass during a frame. The test has a process of its own."""
     code = """
 import numpy as np
 from counterlight.show.compiling import compile_passes
@@ -329,7 +329,7 @@ print("numba.np.linalg" in sys.modules, kept()(lambda value: value * 2)(3))
 
 
 def test_passes_are_loaded_without_what_only_compiling_needs() -> None:
-    """It takes longer than loading. A function that is compiled afterwards still finds it."""
+    """Imports for compiling take longer than loading. A function that is compiled later still finds them."""
     compile_passes()  # the next process finds them in the cache
     assert python("-c", LOADED) == "False 6\n"
 

@@ -54,7 +54,7 @@ def test_a_copy_that_is_killed_says_so_and_its_text_is_there(tmp_path: Path) -> 
     copy.kill()
     assert copy.communicate() == copy.communicate() == ("", None)
     assert copy.returncode == -signal.SIGKILL
-    copy.kill()  # no process, whichever has this number now
+    copy.kill()  # must not kill another process that has this number now
 
 
 LOOP = """

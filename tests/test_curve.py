@@ -125,7 +125,7 @@ def acquired(stored: Stored) -> tuple[Rig, MemoryStore, float]:
 
 def test_an_acquisition_reads_all_captures_with_the_curve() -> None:
     _, _, linear = acquired(Stored(bits=16))
-    _, _, bent = acquired(Stored("srgb", bits=16))  # the bend reveals the curve, not the depth of 8 bits
+    _, _, bent = acquired(Stored("srgb", bits=16))  # the bend reveals the curve; 16 bits do not suggest one
     assert bent < linear + 0.01  # T of the encoded captures is 30 % off
     rig, store, _ = acquired(JPEG)
     seen, light = store.radiance(1), rig.photograph(codes_of(np.ones(rig.raster, np.bool_)), 1) / 65535

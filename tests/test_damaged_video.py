@@ -11,7 +11,7 @@ from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from tests.media import TIMEOUT_S, damage, number, numbered, until_error, write_h264, write_video
 
-COUNT, KEY = 40, 10  # pictures, and how far apart key frames are
+COUNT, KEY = 40, 10  # number of pictures; distance between key frames in pictures
 
 
 def shown(path: Path, limit: int = 1000, **options: bool) -> tuple[list[tuple[int, int]], list[str]]:

@@ -49,7 +49,7 @@ def simulated(folder: Path, scene: str, old: str, new: str, *sizes: str) -> list
 
 @pytest.mark.parametrize("scene", ["wall", "corner"])
 def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Generator, scene: str) -> None:
-    """With near light only (wall), and with far light (corner)."""
+    """The scene `wall` has near light only. The scene `corner` also has far light."""
     old = next(line for line in (SCENES / f"{scene}.toml").read_text().splitlines() if line.startswith("position"))
     rooms = simulated(tmp_path, scene, old, old.replace("[0.6", "[-0.5").replace("[0.0", "[0.1"), "24x20", "31x13")
     stored = calibration.read(join(rooms, tmp_path / "joint", "--monitor", "HDMI-1", "--monitor", "DP-2"))
@@ -60,7 +60,7 @@ def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Ge
     transport, parts = read_transport(stored), [read_transport(calibration.read(room)) for room in rooms]
     assert (transport.far is not None) == (scene == "corner")
     if transport.far is not None and parts[0].far is not None:
-        assert transport.far.scatter.columns == parts[0].far.scatter.columns  # the same cells for every projector
+        assert transport.far.scatter.columns == parts[0].far.scatter.columns  # all projectors share the cells
     drive = rng.uniform(size=(*joint.projector.shape, 3))
     lit = zip(parts, pictures(drive, joint.regions), strict=True)
     expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)

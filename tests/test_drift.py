@@ -112,7 +112,7 @@ def test_a_whole_pixel_is_moved_exactly_and_each_projector_within_its_own_pictur
     shown = Drift((moved_by(2, -1), Moved.nothing())).shown(drive, REGIONS)
     expected = np.zeros_like(drive)
     expected[1:, :11] = drive[:-1, 2:13]
-    expected[1:, 11], expected[1:, 12] = drive[:-1, 11], 0.75 * drive[:-1, 10]  # outside, a fading mirror image
+    expected[1:, 11], expected[1:, 12] = drive[:-1, 11], 0.75 * drive[:-1, 10]  # outside: a fading mirror image
     expected[0, :13] = np.array([1] * 12 + [0.75])[:, None] * drive[1, [*range(2, 13), 11, 10]]
     expected[:5, 13:] = drive[:5, 13:]  # nothing is shown below the second projector, which is lower
     np.testing.assert_allclose(shown, expected, atol=1e-6)  # the table is float32

@@ -13,7 +13,7 @@ from tests.faults import Runner, can_mount, no_file_above, small_disk
 from tests.stage import Stage
 from tests.writing_commands import COMMANDS, PAGE, contents, furnish, is_whole, room_for, words_of, write_inputs
 
-TOO_SMALL = 0.0, 0.9, 0.5, 1.0  # share of the output's size; the last leaves no space for the lock
+TOO_SMALL = 0.0, 0.9, 0.5, 1.0  # free space over the output's size; the last value leaves no space for the lock
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from counterlight.tools.transport.transport import Transport
 # (height, width), unequal so that a wrong position shows
 PROJECTORS, CAMERAS = ((2, 3), (1, 4)), ((5, 6), (4, 3), (6, 7))
 LINEAR = Response("linear")
-SYSTEMS = [(1, 1), (2, 1), (1, 2), (2, 3)]  # k, r
+SYSTEMS = [(1, 1), (2, 1), (1, 2), (2, 3)]  # numbers of projectors (k) and of cameras (r)
 
 
 class Systems:

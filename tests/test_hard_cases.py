@@ -77,7 +77,7 @@ def test_exactly_parallel_columns_are_shared_in_some_way(method: str) -> None:
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("fraction", [0.001, 0.01, 0.1])
 def test_damped_parallel_columns_match_exact_arithmetic(condition: float, fraction: float) -> None:
-    """Compared with the normal equations of two columns, by Cramer's rule in rational numbers."""
+    """The reference is Cramer's rule for the normal equations of two columns, in rational numbers."""
     case = hard.parallel_columns(2 / condition)
     damping = fraction * case.largest_singular_value
     (u, v), b = [[Fraction(x) for x in column] for column in case.dense.T], [Fraction(x) for x in case.target]
@@ -124,7 +124,7 @@ def test_rank_deficient_clusters_give_the_least_squares_of_minimum_norm(shape: t
 @pytest.mark.parametrize("shape", [(12, 12), (9, 15), (20, 8)])
 @pytest.mark.parametrize("fraction", [0.01, 0.1])
 def test_rank_deficient_clusters_damped_solve_the_augmented_system(shape: tuple[int, int], fraction: float) -> None:
-    """Compared with min ‖T p − b‖² + λ² ‖p‖² as one system [T; λ I] p = [b; 0], by numpy's least squares."""
+    """The reference is numpy's least squares of one system [T; λ I] p = [b; 0], for min ‖T p − b‖² + λ² ‖p‖²."""
     case = hard.rank_deficient(shape)
     T_pinv, damping = matrix_of(case, fraction)
     n = case.T.shape[1]
@@ -152,7 +152,7 @@ def test_zero_rows_and_columns_change_nothing_for_the_others(method: str) -> Non
     p = unclamped(case, method)
     assert not p[np.setdiff1d(np.arange(p.size), columns)].any()
     if "auto" not in method:  # λ is chosen on pictures of the camera's size, which differs
-        tolerance = 5e-3 if method == "box" else 1e-6  # its gap is relative to a target that includes the dark rows
+        tolerance = 5e-3 if method == "box" else 1e-6  # the box's gap refers to a target with the dark rows
         np.testing.assert_allclose(p[columns], unclamped(compact, method), rtol=1e-6, atol=tolerance)
 
 
@@ -273,7 +273,7 @@ def large() -> HardCase:
 
 
 def test_one_cluster_of_thousands_is_inverted_through_windows(large: HardCase) -> None:
-    """Compared with LSMR on the whole damped system; each row comes from one window's inverse, of at most 1/(2λ)."""
+    """The reference is LSMR on the whole damped system; each row comes from one window's inverse, of at most 1/(2λ)."""
     inverse = hard.inverse_of(large, InverseOptions(0.1, KEEP_ALL))
     assert (inverse.clusters.count, inverse.windowed_clusters) == (1, 1)
     T_pinv, damping = channels(inverse.T_pinv)[1], 0.1 * largest_singular_value(large.T)

@@ -108,7 +108,7 @@ def test_the_light_comes_back_within_the_quantisation(
 
 @pytest.mark.parametrize("method", ["debevec", "robertson"])
 def test_what_no_picture_measured_is_bounded(method: str) -> None:
-    # the fifth pixel contradicts itself
+    # the fifth pixel has contradictory codes
     codes = np.array([[255, 0, 0, 128, 255, 0], [255, 0, 251, 255, 240, 1]], np.uint8)
     times = [0.5, 4.0]
     for order in (slice(None), slice(None, None, -1)):  # the bound does not depend on the order
@@ -212,7 +212,7 @@ def test_debevecs_system_is_the_papers(rng: np.random.Generator) -> None:
 
 
 def test_opencv_recovers_the_same_response_by_robertson(rng: np.random.Generator) -> None:
-    """Compared on every pixel after equal rounds; codes near the ends differ, because OpenCV counts clipped codes."""
+    """Every pixel is compared after equal rounds; codes near the ends differ, because OpenCV counts clipped codes."""
     times = [2.0**i for i in range(-8, 3)]
     light = random_scene(rng, (96, 96, 1))
     codes = [codes_of(light, t, CURVES["film"]).repeat(3, axis=2) for t in times]

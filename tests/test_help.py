@@ -14,7 +14,7 @@ from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.verbs import VERBS
 from tests.parsers import parser_of
 
-TWO_SCREENS = 60  # lines
+TWO_SCREENS = 60  # lines of two screens
 ROW = re.compile(r"^  (?:-\w, )?(--\S+)", re.MULTILINE)
 
 

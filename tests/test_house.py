@@ -21,7 +21,7 @@ from tests.programs import ROOT, fail, python, script, succeed
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LARGEST_FILE = 8 << 20
-TIMEOUT_S = 120.0  # a command's imports on a busy machine
+TIMEOUT_S = 120.0  # seconds for a command's imports on a busy machine
 
 # Their modules import Numba, which imports scipy; no other module imports it before it multiplies.
 COMPILED = tuple(

@@ -17,7 +17,7 @@ APART_S = 5000.0  # the follower's clock minus the leader's
 
 
 class Wire:
-    """Replace a Beacon and a Listener, with exact knowledge of the clocks.
+    """Replaces a Beacon and a Listener, and knows the difference of the clocks exactly.
 
     late_s : age of received cues in seconds.
     """

@@ -110,7 +110,7 @@ def test_without_the_prior_it_would_be_more() -> None:
 @pytest.mark.parametrize("inverse", ["whole", "none"])
 @pytest.mark.parametrize("outside", ["black", "continue"])
 def test_without_a_step_the_map_alone_keeps_it_dark_or_goes_on(outside: str, inverse: str) -> None:
-    """The camera sees two projectors in one raster except for their inner edges.
+    """Two projectors share a raster. The camera does not see the edges at which their regions meet.
 
     Each projector continues its own picture.
     """

@@ -11,7 +11,7 @@ from counterlight.remote.link import Answer, Link
 
 
 class Show:
-    """Answers requests after the first `late`, and only records these."""
+    """Records the first `late` requests without an answer, and answers all later ones."""
 
     def __init__(self, late: int) -> None:
         self.theirs, self._ours = socket.socketpair()

@@ -33,7 +33,7 @@ def test_a_mirror_shows_what_a_mirrored_camera_sees(tmp_path: Path) -> None:
     lamp = at([1.5, 0.2, 3], [0.6, 0, 0])
     real = room(tmp_path, MIRROR + CARD, lamp, at([0.8, 0.1, 2.5], [-2.6, 0, -0.1]))
     virtual = room(tmp_path, CARD, lamp, at([-2.8, 0.1, 2.5], [0.6, 0, -0.1]))
-    only = ["direct", "shadows", "gloss"]  # only the projector's light that falls straight onto the card
+    only = ["direct", "shadows", "gloss"]  # only projector light that falls straight onto the card
     seen, expected = (simulate(s, only=only).transport.composition().reshape(18, 24, 3) for s in (real, virtual))
     lit = expected.max(axis=2) > 0
     assert lit.mean() > 0.3

@@ -26,7 +26,7 @@ def test_points_run_round_the_corners_a_camera_pixel_apart() -> None:
 
 @pytest.mark.parametrize("wide", [False, True])
 def test_a_point_stands_where_the_projector_lights_it_most(wide: bool) -> None:
-    """Projector pixels (1, 0) and, stronger, (4, 2) light camera pixel (x 2, y 1). (0, 1) lights the last pixel."""
+    """Projector pixels (1, 0) and (4, 2) light camera pixel (2, 1), the second more. (0, 1) lights the last pixel."""
     lengths = np.zeros(24, np.int64)
     lengths[1 * 6 + 2], lengths[-1] = 2, 1
     rows = SparseRows(
@@ -60,7 +60,7 @@ def test_dots_are_edged_handles_lie_over_them_and_nothing_is_drawn_outside() -> 
 
 
 def test_in_a_window_the_outline_follows_the_part_that_is_shown() -> None:
-    """A point is at (12, 3) of a raster of 20x10. The right half, from x 10, appears at twice its size at (4, 2)."""
+    """A point is at (12, 3) of a raster of 20x10. A window shows the half from x = 10 at twice its size at (4, 2)."""
     page = Page((), outline=Outline(np.array([(12.5 / 20, 3.5 / 10)]), np.empty((0, 2))))
     overlay = overlay_of(page, (40, 30), (20, 10), Region(10, 0, 10, 10), (4, 2, 20, 20))
     assert overlay.shape == (30, 40, 4)

@@ -36,7 +36,7 @@ class SlowScreen(Screen):
         self.asked: list[float] = []
 
     def poll(self, timeout_s: float) -> list[str]:
-        self._clock.now += max(timeout_s, 1e-4)  # a smaller step can vanish in rounding
+        self._clock.now += max(timeout_s, 1e-4)  # a smaller step can vanish in the clock's rounding
         if timeout_s <= playbacks.DECODER_WAIT_S:
             time.sleep(DECODER_S)
         return []

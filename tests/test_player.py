@@ -66,7 +66,7 @@ def test_an_exr_is_compensated_as_the_equation_says(
     succeed("play", *files, "--backend", backend, "--refine", "0")
     stored = calibration.read(room)
     expected = np.clip(drive_of(maps.read_maps(stored), target - stored.calibration.ambient), 0, 1)
-    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the bound of the requirement
+    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the required tolerance
 
 
 def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -92,7 +92,7 @@ def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Pa
     light = np.clip((c.astype(float) - ambient).reshape(-1, 3), 0, full)
     drive = np.stack([np.linalg.pinv(dense[i].astype(float)) @ light[:, i] for i in range(3)], axis=1)
     result = exr.read_rgb(tmp_path / "p.exr").reshape(-1, 3)
-    # the bound of the requirement; the L1 norm of rows is below 10
+    # the required tolerance; the L1 norm of rows is below 10
     np.testing.assert_allclose(result, np.clip(drive, 0, 1), atol=1e-5)
 
 
@@ -388,7 +388,7 @@ def test_an_interrupt_leaves_the_previous_map(
     for step in (
         "counterlight.maps.row_map.write",
         "counterlight.tools.inverse.near_light.join",
-    ):  # while writing, and while computing
+    ):  # while writing; while computing
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)
             assert build_correction_map.main([str(room)]) == 130

@@ -59,7 +59,7 @@ def test_a_shuffled_list_holds_the_same_and_what_plays_goes_on(stage: Stage) -> 
         media, path, on, position = state(stage)
         assert (sorted(media), path, on, media[on]) == (list("abcd"), "b", position, "b")
         orders.add(media)
-    assert len(orders) > 2  # twenty random draws from 24 orders
+    assert len(orders) > 2  # twenty draws from 24 possible orders
 
 
 def test_what_was_opened_before_its_turn_gives_way_to_what_is_inserted() -> None:

@@ -14,7 +14,7 @@ PICTURE = np.stack([*np.meshgrid(np.linspace(30, 200, 24), np.linspace(60, 90, 1
 
 
 class Costly:
-    """A renderer whose preview pictures cost time."""
+    """A renderer whose preview pictures take time on the simulated clock."""
 
     def __init__(self, stage: Stage, cost_s: float) -> None:
         self.now_s, self.cost_s, self.made = 0.0, cost_s, 0

@@ -175,7 +175,7 @@ def test_more_pictures_first_come_closer_and_are_an_answer(place: Place, monkeyp
 
 @pytest.mark.parametrize("factor", [1, 2])
 def test_projectors_are_acquired_one_by_one(tmp_path: Path, factor: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lit together as one raster, camera pixels see two places at once, and the codes identify neither."""
+    """If projectors were lit together, camera pixels would see two places at once, and codes would identify neither."""
     one, other = (blurred_place(tmp_path / name, (24, 28), (22, 25), 0) for name in ("one", "other"))
     both = joined([one.calibration, other.calibration], [one.transport, other.transport], ["one", "other"])
     place = Place(*made_coarser(*both, factor, factor), one.pictures, "independent")

@@ -1,4 +1,4 @@
-"""Finding a picture's position again: known homographies on random transport, with noise; a camera's rotation."""
+"""Registration finds known homographies on random transport with noise, and the rotation of a camera."""
 
 import numpy as np
 import pytest

@@ -16,7 +16,7 @@ from tests.gl_objects import live_objects
 from tests.media import numbered, write_video
 
 WARM_UP, FRAMES = 100, 300
-HELD_S, BACK_S = 1.0, 5.0  # the bounds of the requirement: longest time of a loop, time until the decoder is back
+HELD_S, BACK_S = 1.0, 5.0  # required: longest time of a loop, time until the decoder is back
 PATIENCE_S = 60.0
 
 

@@ -123,7 +123,7 @@ def test_what_the_screen_cannot_show_keeps_its_luminance_and_hue(rng: np.random.
     assert found.min() >= 0
     assert found.max() <= 1
     ratio = (found - grey[:, None]) / (wide - grey[:, None])
-    np.testing.assert_allclose(ratio, ratio[:, :1] * [[1, 1, 1]], rtol=1e-6)  # on the line to grey
+    np.testing.assert_allclose(ratio, ratio[:, :1] * [[1, 1, 1]], rtol=1e-6)  # the colour stays on the line to grey
     inside = np.all((wide >= 0) & (wide <= 1), axis=1)
     np.testing.assert_allclose(found[inside], wide[inside], atol=1e-12)
 

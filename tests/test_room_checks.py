@@ -203,7 +203,7 @@ def test_options_say_how_often_and_with_which_camera() -> None:
     ]
     assert check_of(read_options(words, "")) == (["--camera", "folder:my room", "--wait", "60"], 600.0)
     assert check_of(read_options(words[:3], "")) is None
-    assert check_of(read_options([*words[:3], *words[-2:]], ""))[1] == math.inf  # only on request
+    assert check_of(read_options([*words[:3], *words[-2:]], ""))[1] == math.inf  # checks begin only on request
 
 
 @pytest.mark.parametrize(

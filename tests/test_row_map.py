@@ -105,7 +105,7 @@ def test_the_texture_is_full(rng: np.random.Generator, name: str) -> None:
         "mixed": rng.integers(0, 400, 96 * 128),
     }[name]
     packed = pack(random_rows(rng, lengths, 35), (96, 128), (5, 7))
-    assert packed.fill >= 0.99  # docs/mathematics.md 5
+    assert packed.fill >= 0.99  # stated in docs/mathematics.md 5
 
 
 def test_entries_of_zero_are_left_out() -> None:

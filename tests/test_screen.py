@@ -78,7 +78,7 @@ def test_an_outline_runs_through_every_camera_that_sees_it(screen: Screen) -> No
     ends = np.array(corners) * screen.shape[::-1]
     looks = screen.positions[pixels[:, 1], pixels[:, 0]]
     off = np.minimum(np.abs(looks - ends[0]), np.abs(looks - ends[2])).min(axis=1)
-    assert off.max() < 1.7  # a pixel of the first camera is that long on the screen
+    assert off.max() < 1.7  # length of a pixel of the first camera on the screen
     assert (pixels[:, 1] < TOP).any()
     assert (pixels[:, 1] >= TOP).any()
     assert len(outline.handles) >= 4

@@ -78,7 +78,7 @@ def test_a_lossy_film_has_the_same_pictures_at_the_same_times(furnished: Path, t
     apart = np.abs(lossy[:, None].astype(float) - pictures[None]).mean(axis=(2, 3, 4))
     assert apart.argmin(axis=1).tolist() == list(
         range(FRAMES)
-    )  # each picture differs from the next, because it moves by a pixel per frame
+    )  # pictures move by a pixel per frame, so each picture differs from the next
 
 
 def shown(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -278,7 +278,7 @@ def test_the_command_writes_a_calibration(tmp_path: Path, name: str, has_far: bo
 
 
 def test_compensating_the_corner_takes_the_far_light_out(tmp_path: Path) -> None:
-    """The requirement on a small corner: at least 8 dB more than plain projection, through the whole T."""
+    """In a small scene `corner`, compensation must gain 8 dB over plain projection, judged by the whole T."""
     room = tmp_path / "corner"
     here("simulate", SCENES / "corner.toml", "-o", room, "--camera", "120x68", "--projector", "96x54")
     here("build", room)

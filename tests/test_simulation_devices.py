@@ -55,7 +55,7 @@ def test_a_lens_bends_as_opencv_says(tmp_path: Path, rng: np.random.Generator, d
     points = lens.position + places @ np.stack([lens.right, -lens.up, lens.forward])
     found = np.stack(lens.project(points)[:2], axis=1)
     np.testing.assert_allclose(found, expected[:, 0], atol=1e-9)
-    across, up = lens.direction_of(*found.T)  # back again, for each direction that the lens shows
+    across, up = lens.direction_of(*found.T)  # the inverse map, for each direction that the lens shows
     np.testing.assert_allclose(np.stack([across, -up], axis=1), places[:, :2], atol=1e-8)
 
 

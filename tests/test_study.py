@@ -354,7 +354,7 @@ def test_an_inverse_that_memory_cannot_hold_beside_the_study_is_left_out_and_tri
     needed = [room.build(each.options)[0].maps.correction.count * ENTRY_BYTES for each in (uncut, cut)]
     assert needed[1] < 0.5 * needed[0]
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 0.75 * needed[0])
-    # the check of the computation itself
+    # the check for the build alone passes
     monkeypatch.setattr("counterlight.tools.inverse.memory.check_whole", lambda *_: None)
     attempts: list[InverseOptions] = []
 

@@ -153,7 +153,7 @@ def supervised(display: str, folder: Path, *arguments: object) -> Iterator[Show]
         finally:
             left = descendants(process.pid)
             process.kill()
-            for pid in left:  # they end by themselves, unless the test has found that they do not
+            for pid in left:  # left only if the test has failed: they should end by themselves
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
 

@@ -82,7 +82,7 @@ def test_who_has_changed_is_distinguished(room: Path, tmp_path: Path, capsys: Ca
 
 
 def test_one_camera_tells_whose_lamp_it_is(room: Path, tmp_path: Path, capsys: Capture) -> None:
-    """A dimmer lamp draws an edge where one picture ends inside the other.
+    """A dimmer lamp makes an edge visible where one picture ends inside the other.
 
     The edge is not mistaken for camera movement.
     """

@@ -35,7 +35,7 @@ GRID = Places(tuple((float(x), float(y)) for x in range(4) for y in range(3)))
 @pytest.mark.parametrize("places", [SQUARE, LINE, GRID, Places(((3, -2),))])
 def test_a_viewer_at_a_view_has_that_alone(places: Places) -> None:
     shares = [places.shares((at,)) for at in places.at]
-    np.testing.assert_array_equal(shares, np.eye(len(places.at)))  # no other view contributes
+    np.testing.assert_array_equal(shares, np.eye(len(places.at)))  # at a view's place, no other view contributes
 
 
 def test_shares_give_the_place_back_and_name_few_views(rng: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""Messages between the player and its watcher: every message survives any cut of the stream, damage is refused."""
+"""Messages between the player and its watcher: messages survive any cut of the stream, and damage is refused."""
 
 from itertools import pairwise
 

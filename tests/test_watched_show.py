@@ -1,4 +1,4 @@
-"""The player's side of the watching: what the watcher gets, how its answers are used, and what its faults cost."""
+"""The player's side of the watching: messages to the watcher, use of its answers, and effects of its faults."""
 
 import json
 import subprocess
@@ -239,7 +239,7 @@ def test_a_watcher_that_reads_nothing_gets_whole_messages_or_none(
         show.until(lambda: show.messages("Light")[-1]["time_s"] > show.stage.clock.now - 1)
         assert show.session.stats.notices == []
     times = np.array([each["time_s"] for each in show.messages("Light")])
-    assert np.diff(times).max() > 1  # no capture is half missing: all others could be read
+    assert np.diff(times).max() > 1  # whole messages are missing; all others could be read
 
 
 def test_a_show_without_a_watcher_says_so(tmp_path: Path) -> None:

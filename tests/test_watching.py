@@ -1,4 +1,4 @@
-"""Changes of a rig's room during a film are found; what is no change of room or lamp is not corrected but reported."""
+"""Changes of a rig's room during a film are found and corrected; other events are reported, not corrected."""
 
 from dataclasses import replace
 from functools import partial

@@ -35,7 +35,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredCalibration:
 
 
 class _Watched:
-    """A running watcher, and what it answers."""
+    """A running watcher and its answers."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self._process, self.process, self.answers = process, process.pid, Queue[Answer]()

@@ -1,4 +1,4 @@
-"""What the watcher saw and decided is kept in a folder, within its limits, and can be read in the morning."""
+"""A folder records the watcher's captures and decisions, within limits of size, for reading later."""
 
 import json
 import subprocess

@@ -29,7 +29,7 @@ def room(scene: Scene, needs: dict[str, Need] | None = None, without: tuple[str,
 
 
 def off_by(whole: cl.Room, lacking: cl.Room, name: str) -> tuple[float, float]:
-    """Return the decibels that solving without an effect loses, and the decibels that it overpromises."""
+    """Return the loss in dB from solving without an effect, and the excess in dB of its predicted PSNR."""
     picture = BUILT_IN[name](whole.camera)
 
     def seen(room: cl.Room, drive: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""A film in a rig that changes, in compressed time: the watcher gets frames and captures, and its answers are applied.
+"""A film in a rig that changes, in compressed time: the watcher gets frames and captures, and corrects.
 
 The rig shares no code with the product. The player is replaced by its pass for moved pictures.
 """

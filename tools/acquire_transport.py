@@ -79,7 +79,7 @@ def _main(argv: Sequence[str] | None) -> None:
         monitors = tuple(options.monitor) if len(projectors) > 1 else ()
         pictures = options.pictures or 0
         if options.scheme == "hierarchical" and any(map(is_wide, projectors)):
-            decides["even"] = "whole"  # older versions divided all blocks, and so requested other pictures
+            decides["even"] = "whole"  # older versions divided all blocks and captured other pictures
         plan = Plan(
             options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors, pictures, aim
         )
@@ -129,7 +129,7 @@ def _aimed(options: argparse.Namespace) -> bool:
     if chosen is None:
         return False
     if chosen != (options.exposures or (1.0,)):
-        options.exposures = tuple(float(f"{time:.4g}") for time in chosen)  # rounded as printed below
+        options.exposures = tuple(float(f"{time:.4g}") for time in chosen)  # rounded to the digits printed below
         times = ",".join(f"{time:g}" for time in options.exposures)
         print(f"exposures chosen; to go on after an interruption: --exposures {times}", flush=True)
     return True

@@ -24,7 +24,7 @@ SECOND_PLACE = 0.02  # share of the camera pixels that see a second window: a mi
 
 
 def schedule() -> Iterator[object]:
-    """The conflict graph of 512x512 blocks seen by a 640x480 camera, its colours, and T of the same entries."""
+    """The conflict graph of 512x512 blocks seen by a 640x480 camera, its colouring, and T of the same entries."""
     camera, block = seen_blocks(np.random.default_rng(1))
     made: dict[str, Any] = {}
     yield stage("conflict graph", made, lambda: conflict_graph(camera, block, BLOCKS[0] * BLOCKS[1]))

@@ -13,10 +13,10 @@ from tests.rooms import blurred_transport
 CAMERA, PROJECTOR = (480, 640), (512, 512)
 MAX_CLUSTER = 200
 SIDE = 5  # camera pixels per side that a projector pixel lights: 25 entries per column
-BLUR = 0.7  # camera pixels
+BLUR = 0.7  # σ in camera pixels
 UNEVEN = 0.2
-FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (50, 54)  # the thesis' 2304 x 2700 (4.3.3)
-FOCUS_BLUR = 1.2  # projector pixels
+FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (50, 54)  # 2304 camera and 2700 projector pixels, as in the thesis (4.3.3)
+FOCUS_BLUR = 1.2  # σ in projector pixels
 
 
 @cache

@@ -53,7 +53,7 @@ def first_picture(folder: Path, display: str) -> tuple[float, float]:
 
 
 def _spent_s() -> float:
-    """Returns the processor time of all ended children and theirs."""
+    """Returns the processor time of all ended child processes and of their children."""
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     return ended.ru_utime + ended.ru_stime
 

@@ -69,8 +69,8 @@ def used_s(process: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser("python -m tests.bench.watching", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="to measure, once it works (60)")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="the room, to use again")
+    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="seconds to measure (60)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the room here, for later runs")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         room = (options.keep or Path(temporary)) / "room"

@@ -33,7 +33,7 @@ COLUMNS = (
     "share",
     "of the change allowed",
 )
-ENTRY, LOOKUP = 16, 12  # bytes, of maps with entries of 16 bytes
+ENTRY, LOOKUP = 16, 12  # bytes of an entry and of a row's look-up, in maps of 16-byte entries
 
 
 def words() -> Iterator[str]:

@@ -29,9 +29,9 @@ COMPILING = re.compile(r"^compiling for this processor, once.*\n", re.MULTILINE)
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.figures", description=__doc__)
-    parser.add_argument("--all", action="store_true", help=f"commands of {MINUTES} minutes and more, too: hours")
-    parser.add_argument("--only", default="", metavar="WORD", help="those whose page or command has this word")
-    parser.add_argument("--list", action="store_true", help="say what would be run, and end")
+    parser.add_argument("--all", action="store_true", help=f"also run commands of {MINUTES} minutes or more (hours)")
+    parser.add_argument("--only", default="", metavar="WORD", help="run only rows whose page or command has WORD")
+    parser.add_argument("--list", action="store_true", help="print what would run, and exit")
     options = parser.parse_args()
     asked = [row for row in ROWS if options.only in row.name]
     rows = [row for row in asked if options.all or row.minutes < MINUTES]

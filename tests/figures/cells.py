@@ -16,7 +16,7 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 UNITS, SHARE = 2.0, 0.05  # allowed change by rounding and by the order of float32 sums
 ROUNDING = 0.6  # units, for a number with an exponent, which states only its order of magnitude
 MOST_LABELS = 4  # largest number of first cells in a row's name
-SLOWER = 2.0  # times differ by less on machines of one kind
+SLOWER = 2.0  # factor; times differ by less on machines of one kind
 SPENT = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?= m?s\b)")
 
 

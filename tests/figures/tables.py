@@ -17,7 +17,7 @@ from tests.figures.printed import (
 )
 from tests.figures.row import Figures, table
 
-FULL_SIZE = {"corner": 1, "two_planes": 2, "folded_cards": 4}  # minutes
+FULL_SIZE = {"corner": 1, "two_planes": 2, "folded_cards": 4}  # minutes at full size, by scene
 RIG = "room | fault | optimum, dB | captured, dB | below, dB"
 ALONE = "quiet", "srgb", "believed", "response", "led", "segment", "lamp", "daylight"
 REAL = "lateral", "halo", "wander", "processing", "real"

@@ -75,12 +75,12 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("campaign", nargs="*", metavar="CAMPAIGN", help="which (default: all)")
+    add("campaign", nargs="*", metavar="CAMPAIGN", help="campaigns to run (default: all)")
     add("--seed", type=int, default=1, metavar="N", help="seed of the random numbers (default 1)")
-    add("--count", type=int, metavar="N", help="trials of each campaign")
-    add("--only", type=int, metavar="INDEX", help="that one trial, as a finding names it")
-    add("--minutes", type=float, default=float("inf"), metavar="M", help="begin no trial of a campaign after that")
-    add("--out", type=Path, metavar="FILE.json", help="write counts and findings")
+    add("--count", type=int, metavar="N", help="run N trials of each campaign")
+    add("--only", type=int, metavar="INDEX", help="run only this trial; findings state the index")
+    add("--minutes", type=float, default=float("inf"), metavar="M", help="begin no trial of a campaign after this time")
+    add("--out", type=Path, metavar="FILE.json", help="write counts and findings to this file")
     add("--evidence", type=Path, default=Path("fuzz"), metavar="DIR", help="keep the inputs of faults (default fuzz)")
     options = parser.parse_args(argv)
     unknown = set(options.campaign) - {kind.name for kind in KINDS}

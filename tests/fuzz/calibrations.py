@@ -49,7 +49,7 @@ class Calibrations(FileCampaign):
         self._described = set(tomllib.loads(self._room.files[calibration.TOML].decode())["files"]) | {calibration.TOML}
         listed = tomllib.loads(self._room.files[MANIFEST_NAME].decode())["files"]
         self._described |= {f"{FOLDER}/{name}" for name in listed}
-        self._shown()  # Numba compiles first, which is no file's fault
+        self._shown()  # Numba compiles now, so that no trial includes the time
 
     def draw(self, rng: np.random.Generator) -> Case:
         name = self._names[rng.integers(len(self._names))]

@@ -9,7 +9,7 @@ from tests.writing_commands import COMMANDS, PAGE
 
 
 class Disks:
-    """The free space ranges from no page to slightly more than the new files need. The old files fit exactly."""
+    """Each trial draws the free space: from one page to slightly more than the new files need. The old files fit."""
 
     name, count = "disks", 34
     purpose = "commands on a full disk: file systems of random sizes (needs the right to mount)"

@@ -24,8 +24,8 @@ from tests.test_live import Sender, udp_port
 from tests.web_remote import Place, Visitor, show_with_remote
 
 PEOPLE, ROUND_S = 3, 45
-CUT_AT, UNPLUGGED = 10, range(20, 26)  # seconds into a round
-WARM_UP, MOST_GROWTH = 5, 10 << 20  # rounds, bytes
+CUT_AT, UNPLUGGED = 10, range(20, 26)  # seconds of a round in which the stream is cut, and the monitor is away
+WARM_UP, MOST_GROWTH = 5, 10 << 20  # rounds before memory is compared; largest growth in bytes
 SECOND_MONITOR = 1280, 0, 1024, 768
 SHOW: dict[str, object] = {
     **{"blackout": False, "pause": False, "view": "projector", "compensation": True, "test-card": "no", "speed": 1.0},

@@ -8,7 +8,7 @@ class Heart:
     """Figures of a show's heartbeats.
 
     longest_s : longest time between two beats.
-    grown : bytes above the first beat's memory.
+    grown : growth of the memory since the first beat, bytes.
     resident : bytes at the last beat.
     """
 

@@ -1,6 +1,6 @@
 """Damaged media: small clips of many containers and codecs, pictures and sequences, through the real decoder's process.
 
-A medium may kill a decoder. The player may not die, and reports the medium in one line. Frames keep the format that
+A medium may kill a decoder. The player must survive, and report the medium in one line. Frames keep the format that
 was announced.
 """
 
@@ -27,7 +27,7 @@ from tests.mutants import LONGEST_COMPLAINT, mutant
 from tests.rooms import write_blurred_room
 
 FRAMES, LAPS = 8, 2
-QUIET = 0  # av.logging: FFmpeg's messages about a damaged file are not for the warden
+QUIET = 0  # level of av.logging that hides FFmpeg's messages about damaged files
 ROOM = "room"
 CLIPS: dict[str, dict[str, Any]] = {
     "ffv1.mkv": {"codec": "ffv1"},

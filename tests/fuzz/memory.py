@@ -28,11 +28,11 @@ from tests.programs import descendants, wait_until
 from tests.remote import Client, show
 from tests.rooms import random_room, write_blurred_room
 
-MOST_GROWTH = 10 << 20  # in any run
+MOST_GROWTH = 10 << 20  # bytes, however long the run is
 STEP, PER_ACT = (
     4 << 20,
     MOST_GROWTH / 1000,
-)  # in a short run: Python's name table is occasionally rebuilt, larger
+)  # bytes in a short run: Python's name table occasionally grows
 WARM_UP, SAMPLES = 20, 15  # actions before the first measurement; measurements per median
 DAY_S = 24 * 3600
 SETTLED_S = 0.1  # a setting takes a frame or two
@@ -95,7 +95,7 @@ class Reloads(_Growth):
 class Loadfiles(_Growth):
     name, count = "loadfiles", 100
     purpose = "another medium of another size; memory must stay flat"
-    per_act = 2 * PER_ACT  # fewer actions, and equal variation of the heap
+    per_act = 2 * PER_ACT  # the run has fewer actions, but the heap varies as much
 
     def act(self, client: Client, process: Any) -> Act:
         names = list(CLIPS)

@@ -28,12 +28,12 @@ from tests.rooms import write_blurred_room
 from tests.writing_commands import COMMANDS
 
 ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-# Python itself was still starting
+# exit codes of a process that was still starting Python
 BEFORE_MAIN = tuple(-number for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-START_S = 1.0  # for Python and a command's imports
-STOPPED_S = 3.0  # longer than the decoder's patience
+START_S = 1.0  # seconds for the start of Python and a command's imports
+STOPPED_S = 3.0  # seconds; longer than the player waits for the decoder
 PATIENCE_S = 120.0
-SHOWS = 4  # one trial in four
+SHOWS = 4  # one trial in SHOWS is a show
 JUMPS = """
 import random, time
 _now, _random = time.time, random.Random(1)

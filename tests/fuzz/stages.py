@@ -153,7 +153,7 @@ class _Events:
         self._crashes = 0
 
     def _fall(self, number: int) -> None:
-        """Kill or stop the player. If this fall leads to the safe picture, run `safe` instead."""
+        """Kill or stop the player. If this failure would lead to the safe picture, run `safe` instead."""
         if self._crashes == MOST_CRASHES - 1:
             self.safe()
             return

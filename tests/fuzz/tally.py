@@ -16,8 +16,8 @@ import numpy as np
 READ, REFUSED = "read", "refused"  # both are correct: accepted, or refused in one line
 CRASHED, HUNG, GREEDY, WRONG, LEFT = "crashed", "hung", "greedy", "silently wrong", "left behind"
 FAULTS = CRASHED, HUNG, GREEDY, WRONG, LEFT
-HANG_S = 5.0  # the bound of the requirement
-MOST_BYTES = 384 << 20  # for a file of a few kilobytes
+HANG_S = 5.0  # longest allowed time of a trial
+MOST_BYTES = 384 << 20  # memory allowed for a file of a few kilobytes
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ import numpy as np
 from tests.fuzz.tally import CRASHED, HANG_S, HUNG, Plan, Tally, Trial
 from tests.programs import ROOT
 
-PATIENCE_S = 120.0  # for imports on a busy machine
-FRESH_AFTER = 500  # trials: another campaign tests the memory of thousands
+PATIENCE_S = 120.0  # seconds for the imports of a prisoner on a busy machine
+FRESH_AFTER = 500  # trials after which a prisoner is replaced; another campaign tests long-term memory
 
 
 @dataclass(frozen=True)

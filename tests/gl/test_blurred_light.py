@@ -13,7 +13,7 @@ from counterlight.tools.inverse.near_light import InverseOptions
 from tests.blurred_rooms import CAMERA, calibrated, discs, in_blocks
 from tests.renderers import both
 
-ATOL = 1e-5  # as for the other drives
+ATOL = 1e-5  # the tolerance of all drives on the GPU
 
 
 @pytest.mark.parametrize("path", [GpuPath("fragment"), GpuPath("compute"), GpuPath("auto", "auto")], ids=str)

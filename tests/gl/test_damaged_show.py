@@ -6,7 +6,7 @@ from pathlib import Path
 from tests.media import damage, write_h264
 from tests.programs import command, fail, on
 
-COUNT, KEY = 40, 10  # pictures, and the distance between key frames
+COUNT, KEY = 40, 10  # number of pictures; distance between key frames in pictures
 
 
 def test_a_show_goes_on_where_a_file_is_refused(xvfb: str, plain_room: Path, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from tests.renderers import both, multiply
 from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to_one_room, yuv_frame
 from tests.small_rooms import with_words
 
-ATOL = 1e-5  # the bound of the requirement; float32 sums of at most 20 terms of size 3 are far below
+ATOL = 1e-5  # the required tolerance; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")  # shaders
 AUTO = GpuPath("auto", "auto")
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP")

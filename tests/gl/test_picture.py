@@ -33,7 +33,7 @@ from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_room, rgb_frame, yuv_frame
 from tests.screens_of_cameras import split_screen
 
-ATOL = 1e-5  # the bound of the requirement
+ATOL = 1e-5  # the required tolerance
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))
 PICTURES = {
     "brightness": Adjustments(brightness=23),

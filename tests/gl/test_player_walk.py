@@ -95,7 +95,7 @@ def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None
             if key not in ("q", "k"):
                 now = reach(key, arrival(words))
         assert list(folder.glob("counterlight-*.png"))
-        now = reach("escape", lambda before, after: not after["help"])  # opened by ?
+        now = reach("escape", lambda before, after: not after["help"])  # the key ? has opened the help
         for key, words in ((key, PLACING[key]) for key in keys(1)):
             if not now["placing"]:
                 now = reach("k", arrival("place"))

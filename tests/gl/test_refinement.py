@@ -21,7 +21,7 @@ from tests.refined_rooms import physical_room
 from tests.renderers import both, on_gpu, read
 from tests.rooms import CAMERA, random_room, rgb_frame
 
-ATOL = 1e-5  # the bound of the requirement
+ATOL = 1e-5  # the required tolerance
 SHAPE = (37, 21)
 
 

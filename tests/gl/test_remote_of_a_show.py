@@ -154,7 +154,7 @@ class SlowVisitor:
 
     def ask_for_much(self) -> None:
         request = json.dumps({"command": ["get_property", "property-info"]}).encode()
-        frame = bytes([0x81, 0x80 | len(request), 0, 0, 0, 0]) + request  # masked with zeros
+        frame = bytes([0x81, 0x80 | len(request), 0, 0, 0, 0]) + request  # masked with zeros: data unchanged
         try:
             for _ in range(200):
                 self._socket.send(frame)

@@ -38,7 +38,7 @@ from tests.rooms import (
     yuv_frame,
 )
 
-FLOAT_ATOL = 1e-5  # the bound of the requirement; float32 sums of at most 20 terms of size 3 are far below
+FLOAT_ATOL = 1e-5  # the required tolerance; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
 
 
@@ -326,7 +326,7 @@ def dense(packed: RowMap) -> np.ndarray:
 def test_a_step_that_does_not_compile_is_refused_with_its_room(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever the present view draws: a key may ask for compensation later."""
+    """The refusal does not depend on the present view, because a key may turn compensation on later."""
     original = shaders.read_source
     broken = "#version 330 core\nvoid main() { nothing }"
     monkeypatch.setattr(

@@ -18,7 +18,7 @@ def terminal(command: Sequence[object], columns: int = 80, **variables: str) -> 
     process = subprocess.Popen(list(map(str, command)), stderr=theirs, stdout=subprocess.DEVNULL, env=environment)
     os.close(theirs)
     seen = b""
-    with suppress(OSError):  # the other side has closed
+    with suppress(OSError):  # the program has closed its side
         while part := os.read(ours, 4096):
             seen += part
     os.close(ours)

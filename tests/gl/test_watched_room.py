@@ -14,7 +14,7 @@ from tests.programs import wait_until
 from tests.remote import show
 from tests.rig.films import RATE, Film
 
-TOLERANCE_PX = 0.1  # as in issue 38; the changed room moves boxes of light
+TOLERANCE_PX = 0.1  # required in issue 38; the changed room moves pixels as boxes of light
 
 
 @pytest.mark.parametrize(

@@ -211,7 +211,7 @@ def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path
             if kill:
                 (decoder,) = descendants(process.pid)
                 os.kill(decoder, signal.SIGSEGV)
-            before = screen(xvfb, WINDOW)  # before the film begins, the screen shows the last test's picture
+            before = screen(xvfb, WINDOW)  # the screen still shows the last test's picture
             wait_until(lambda b=before: not np.array_equal(screen(xvfb, WINDOW), b), "the film goes on", process)
             time.sleep(0.5)  # frames decoded before the crash have been shown
         press(xvfb, "q")

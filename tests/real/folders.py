@@ -18,7 +18,7 @@ from counterlight.tools.pairs.photographs import (
 )
 from counterlight.tools.pairs.room import matched_files
 
-HELD = 8  # one of so many pairs is held out where a data set does not say which
+HELD = 8  # one pair in HELD is held out if the data set does not name held-out pairs
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""python -m tests.rig: how the product does in rooms that are not its own model of them.
+"""python -m tests.rig: quality of the product in rooms that its own simulator did not make.
 
-Each room is acquired, built and shown by the documented commands; a simulated eye of another making judges. All of it
+Each room is acquired, built and shown by the documented commands; an independent simulated camera judges. All of it
 is simulated: see docs/rig.md for what the columns mean.
 """
 
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
         description=f"{__doc__}\nfaults:\n{described}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
+    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="try these rooms (default all)")
     parser.add_argument("--fault", nargs="+", choices=FAULTS, metavar="NAME", help=f"default {' '.join(DEFAULT)}")
     parser.add_argument("--quick", action="store_true", help=f"{' '.join(QUICK)}, at scale {QUICK_SCALE:g}")
     parser.add_argument("--scale", type=float, help="scale: 1 has a camera of 160x120, a projector of 96x72")
@@ -104,22 +104,22 @@ def _parser() -> argparse.ArgumentParser:
         "--steps", type=lambda text: [int(word) for word in text.split(",")], default=[0, 4, 16, 64], metavar="N,N…",
         help="try these steps of refinement besides the default (0,4,16,64)",
     )  # fmt: skip
-    parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="for build (default: none)")
-    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="every picture's figures")
+    parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="build with these values of --colour")
+    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write the figures of every picture here")
     parser.add_argument("--live", action="store_true", help="watch a playing window in real time (docs/watch.md)")
     parser.add_argument("--event", nargs="+", choices=EVENTS, default=["drift"], help="for --live (default drift)")
     parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="for --live (default clip)")
-    parser.add_argument("--warm", type=float, default=30.0, metavar="S", help="film before the event (30)")
+    parser.add_argument("--warm", type=float, default=30.0, metavar="S", help="seconds of film before the event (30)")
     parser.add_argument(
         "--after", type=lambda text: [float(word) for word in text.split(",")], metavar="S,S…",
-        help="moments after the event that are judged (5,10,20,30; --animation: five times two thirds of a second)",
+        help="judge so many seconds after the event (5,10,20,30; --animation: five times two thirds of a second)",
     )  # fmt: skip
     parser.add_argument(
         "--animation", type=Path, metavar="FILE.webp", help="draw these moments instead of judging them"
     )
-    parser.add_argument("--captures", type=float, default=5.0, metavar="N", help="per second, for --live (5)")
-    parser.add_argument("--pictures", type=Path, metavar="DIR", help="sheets of what the audience sees")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="the rooms, patterns and captures (default: removed)")
+    parser.add_argument("--captures", type=float, default=5.0, metavar="N", help="captures per second, for --live (5)")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write sheets of the audience's view here")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep rooms, patterns and captures here")
     return parser
 
 

@@ -11,7 +11,7 @@ from tests.rig.sensor import Sensor
 
 SRGB = Projector(gammas=None)
 VIVID = Projector(vividness=(0.25, 0.2, 0.15))
-FRINGES = (1.0, 0.4), (0.0, 0.0), (-0.9, -0.3)  # of red, green and blue, projector pixels
+FRINGES = (1.0, 0.4), (0.0, 0.0), (-0.9, -0.3)  # shifts of red, green and blue in projector pixels
 SCALES = 1.003, 1.0, 0.998
 HALO = 0.07  # 3.5 % of white next to a large white area
 WANDERING = Sensor(wander=0.025)

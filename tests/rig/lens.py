@@ -13,7 +13,7 @@ from tests.rig.rays import FloatArray
 
 Pairs = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
-REACH = 96 / 1024  # of the halo, a share of the raster's width
+REACH = 96 / 1024  # reach of the halo, as a share of the raster's width
 SIGMAS = 2.0  # standard deviations within REACH
 
 

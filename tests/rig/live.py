@@ -35,8 +35,8 @@ from tests.rig.rooms import ROOMS
 from tests.rig.watching import Codes, Frame, WatchCamera, WatchedRoom, crossing, door, since
 from tests.screens import one_screen
 
-LOOK_S = 0.008  # between two looks at the screen
-KEPT_S = 2.0  # how long displayed frames are kept
+LOOK_S = 0.008  # seconds between two looks at the screen
+KEPT_S = 2.0  # seconds for which displayed frames are kept
 CAPTURES = 4  # files that stay in the folder
 STEPS = 2  # steps of refinement, in the show and in its reference
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
@@ -47,7 +47,8 @@ NEARBY = 4  # frames around the stated position that a displayed picture may sho
 class Event:
     """Something that happens to a room during a show.
 
-    changed : the devices a time after the event, from the devices before. Times before the event are negative.
+    changed : function of the devices before the event and of the seconds since the event, negative before it; returns
+        the devices at that time.
     person : as in WatchedRoom, for a view (height, width).
     unplugged : whether captures stop at the event; frozen: whether they repeat.
     """
@@ -225,7 +226,7 @@ def live(
     film = FILMS[film_name]((rig.camera[1], rig.camera[1] * 9 // 16 // 2 * 2))
     path = film.write(place / f"{film_name}.mkv")
     white = WHITE * product.show(place, film.still(place / "still.png", 0)).white
-    origin = time.monotonic() + 1e6  # until the event
+    origin = time.monotonic() + 1e6  # far in the future until the event happens
     began = [origin]
 
     def devices(time_s: float) -> Devices:

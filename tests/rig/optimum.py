@@ -37,7 +37,7 @@ class Problem:
 
     target : b, (camera pixels, 3). Light of the projector.
     counted : (camera pixels,).
-    darkest, brightest : drive.
+    darkest, brightest : limits of the drive.
     """
 
     transport: Transport

@@ -17,7 +17,7 @@ from tests.rig.rays import FloatArray
 
 Srgb = NDArray[np.uint8]
 SOFT = 2.5  # σ, camera pixels
-FADE = 0.13  # share of the picture's height
+FADE = 0.13  # share of the picture's height over which it fades out
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tests.rig.rays import FloatArray
 
 FINE_CODES = np.arange(256) / 255
-NEXT_SHARES = np.array([0.7, 0.45, 0.6])  # of the next primary in what dims a colour; the rest is the primary after it
-ROUNDS = 12  # of the inverse of colour processing; each leaves at most a fifth of the error
+NEXT_SHARES = np.array([0.7, 0.45, 0.6])  # weight of the next primary in m, per primary; the other one has the rest
+ROUNDS = 12  # rounds that invert colour processing; each leaves at most a fifth of the error
 
 
 @dataclass(frozen=True)

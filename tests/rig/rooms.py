@@ -18,7 +18,7 @@ from tests.rig.rays import FloatArray, Pinhole, Rectangle, looking, nearest
 from tests.rig.texture import Paint, Painter, lined, painted_grey, painted_red, plaster, sampled, wallpaper
 
 CAMERA, PROJECTOR = (120, 160), (72, 96)
-CAMERA_FOCAL, PROJECTOR_FOCAL = 1.374, 1.40  # widths of the picture: 40° and 39°
+CAMERA_FOCAL, PROJECTOR_FOCAL = 1.374, 1.40  # focal lengths in picture widths, for views of 40° and 39°
 PATCH_SAMPLES = 16  # points per side of a patch at which direct light is sampled
 
 

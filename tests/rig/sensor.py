@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.rig.rays import FloatArray
 
 STORED_BITS = 16
-MOST_SIGMAS = 2.0  # of a wandering gain
+MOST_SIGMAS = 2.0  # largest deviation of a wandering gain, standard deviations
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from tests.rig.rays import FloatArray
 from tests.rig.rooms import Room
 
 Shift = tuple[float, float]
-Matrices = tuple[sparse.csr_array, ...]  # of red, green and blue; the same object where they do not differ
+Matrices = tuple[sparse.csr_array, ...]  # matrices of red, green and blue; one object if they are equal
 
 
 @dataclass(frozen=True)

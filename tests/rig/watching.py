@@ -44,7 +44,7 @@ class Frame:
 
 
 def since(change_s: float, **changes: Any) -> Callable[[Devices, float], Devices]:
-    """Returns the devices at a time, from the devices before a change."""
+    """Returns a function of the devices before a change and of a time; it returns the devices at that time."""
     return lambda before, time_s: replace(before, **changes) if time_s >= change_s else before
 
 
@@ -88,7 +88,7 @@ class WatchedRoom:
     def capture(self, time_s: float, frames: Sequence[Frame]) -> tuple[float, NDArray[np.uint8]]:
         """Expose until `time_s`; returns the arrival and 8-bit codes (height, width, 3).
 
-        frames : in order of time; the last one stands.
+        frames : in order of time; the last frame stays on the screen.
         """
         camera, rig = self._camera, self.rig_at(time_s)
         height = rig.camera[0]

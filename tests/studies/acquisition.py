@@ -49,7 +49,7 @@ DETAILS = 1, 6  # camera pixels per picture pixel
 LARGEST_DENSE = 20000  # largest projector, in pixels, for which the scheme pixel by pixel is tried
 GAP = 0.01  # share of the remaining squared error: 0.04 dB
 SHOTS = 16
-STRIP = 2048  # camera pixels compared at once
+STRIP = 2048  # camera pixels that are compared at a time
 COLUMNS = (
     "room",
     "camera, projector",
@@ -169,7 +169,7 @@ def blurred_strips(
 
 
 def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, int, MakeScheme]]:
-    """Yield name, shots per pattern, and the scheme's factory."""
+    """Yield each scheme's name, shots per pattern, and factory."""
     yield "hierarchical, τ = 4 σ", 1, HierarchicalScheme(Threshold(4))
     yield f"hierarchical, τ = 4 σ, {SHOTS} shots", SHOTS, HierarchicalScheme(Threshold(4))
     yield "multiplexed", 1, MultiplexedScheme()
@@ -277,11 +277,11 @@ def draw(rows: Sequence[Row]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.acquisition", description=__doc__)
-    parser.add_argument("--camera", type=parse_size, default=(72, 96), help="default 96x72")
-    parser.add_argument("--projector", type=parse_size, default=(96, 128), help="default 128x96")
-    parser.add_argument("--room", action="append", help="only this one; may be given several times")
-    parser.add_argument("--again", action="store_true", help="measure everything; print it, and change no file")
-    parser.add_argument("--draw-only", action="store_true", help="print and draw what is in the table")
+    parser.add_argument("--camera", type=parse_size, default=(72, 96), help="camera size (default 96x72)")
+    parser.add_argument("--projector", type=parse_size, default=(96, 128), help="projector size (default 128x96)")
+    parser.add_argument("--room", action="append", help="measure only this room; may be repeated")
+    parser.add_argument("--again", action="store_true", help="measure every row, print the table, and change no file")
+    parser.add_argument("--draw-only", action="store_true", help="measure nothing; print and draw the existing rows")
     options = parser.parse_args()
     if options.again:
         print(as_table(in_order(measured(options, again=True))))

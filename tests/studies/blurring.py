@@ -2,9 +2,9 @@
 
 The square of widest blur on the far card is simulated whole, twice, with different sample points of the lens. T is put
 into blocks with a series of limits. Each row states entries per camera pixel, and the dB that pictures lose: the
-pictures of `--tolerance`, and windows of a film at its size. The row "another T" shows what T loses by its own
-sampling, as the loss of drives by another T of the same room. In the second table, the other T, with other
-samples, judges T and its blocks. Five minutes of processor time.
+pictures of `--tolerance`, and windows of a film at its size. The row "another T" shows the effect of sampling: the
+loss of drives by another T of the same room. In the second table, this other T, with other samples, judges T and its
+blocks. The study takes five minutes of processor time.
 """
 
 from itertools import islice
@@ -30,7 +30,7 @@ from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
 SIZE, TOP, BAND, SAMPLED = (1080, 1920), 152, 8, 32
-WINDOWS = (100, 200), (460, 880), (800, 1500)  # upper left corners in a film of that size
+WINDOWS = (100, 200), (460, 880), (800, 1500)  # upper left corners of the windows in a film of that size
 LIMITS = blurring.LIMITS[7:11]
 OTHER_POINTS = 7 * SIZE[0] * SIZE[1]  # added to a pixel's number, from which its points of the lens follow
 

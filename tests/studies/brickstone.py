@@ -3,8 +3,8 @@
 A flat wall is compared with the brickstone wall of brickstone.toml: with its relief alone, and also with the light that
 enters the stone. Light from brick to brick is left out. With it, T would be dense and the thesis' cut would not fit any
 memory. The methods are direct mapping to whole pixels and between them (SmartProjector), the thesis' T⁺ and this
-program's. Figures are decibels of camera PSNR below the best that a projector can show there, of a photograph and a
-film frame. All of it is simulated.
+program's. The figures are decibels of camera PSNR below the best picture that a projector can show there, for a
+photograph and a film frame. All of it is simulated.
 """
 
 import argparse
@@ -55,8 +55,8 @@ def rows(room: StudyRoom) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.brickstone", description=__doc__)
-    parser.add_argument("--camera", type=parse_size, default=(240, 320), help="default 320x240")
-    parser.add_argument("--projector", type=parse_size, default=(256, 256), help="default 256x256")
+    parser.add_argument("--camera", type=parse_size, default=(240, 320), help="camera size (default 320x240)")
+    parser.add_argument("--projector", type=parse_size, default=(256, 256), help="projector size (default 256x256)")
     options = parser.parse_args()
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
     for room in walls(options.camera, options.projector):

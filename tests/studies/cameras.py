@@ -1,7 +1,7 @@
 """One and two projectors, one and two cameras on a folded wall: python -m tests.studies.cameras (docs/cameras.md).
 
 The room is the shipped scene `folded_wall`, small. An audience's camera between both cameras, unknown to the product,
-judges. The figures are how far a grey target is off over the whole wall, and where the first camera's view ends.
+judges. The figures are the error of a grey target over the whole wall and at the end of the first camera's view.
 """
 
 import argparse

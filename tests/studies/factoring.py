@@ -18,7 +18,7 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import Transport, channels
 from tests.dense_rooms import radiosity_corner
 
-PATHS, NOISE, SHARP = 500, 0.5, 50.0  # paths per camera pixel; of the faint entries' mean; times a row's mean
+PATHS, NOISE, SHARP = 500, 0.5, 50.0  # paths per camera pixel; share of faint entries' mean; multiple of a row's mean
 
 
 def traced(T: Transport, rng: np.random.Generator) -> Transport:
@@ -46,7 +46,7 @@ def noisy(T: Transport, rng: np.random.Generator) -> Transport:
 
 
 def losses(T: Transport, found: Transport) -> FloatArray:
-    """Returns dB below T's optimum, for the pictures of losses.py."""
+    """Returns dB below T's optimum for each picture of losses.py, by the drives of `found`."""
     assert T.camera is not None
     assert T.projector is not None
     mask = directly_lit(T, np.zeros((*T.camera, 3)), T.projector)
@@ -85,7 +85,7 @@ def main() -> None:
         "| below the optimum, dB: photograph, half, spots, soft |"
     )
     print("|---|---|---|---|---|---|---|")
-    factored(radiosity_corner(0.2), np.zeros((24, 32, 3)))  # compiles
+    factored(radiosity_corner(0.2), np.zeros((24, 32, 3)))  # compiles the loops before the timing
     for name, T in rooms.items():
         assert T.camera is not None
         assert T.projector is not None

@@ -67,7 +67,7 @@ def sheet(folder: Path) -> Picture:
 
 
 def hero(folder: Path, path: Path) -> None:
-    """Write the first room as a clip that wipes from any player's picture, pinned, to the compensated picture."""
+    """Write a clip of the first room that wipes from the uncompensated, pinned picture to the compensated picture."""
     room = folder / "hero"
     succeed("simulate", next(iter(ROOMS)), "-o", room, "--camera", WIDE, "--projector", WIDE_PROJECTOR)
     succeed("build", room)

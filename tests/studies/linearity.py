@@ -82,7 +82,7 @@ def measured(rig: Rig, stored: Stored, exposures: Exposures = EXPOSURES) -> Bend
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.linearity", description=__doc__)
-    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
+    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="try these rooms (default all)")
     parser.add_argument(
         "--scale", type=float, default=1.0, help="scale: 1 has a camera of 160x120, a projector of 96x72"
     )

@@ -24,7 +24,7 @@ from counterlight.tools.study.rooms import StudyRoom, Task, open_room
 from counterlight.tools.transport.transport import channels, in_one, luminance, luminance_matrix
 
 SIZE = (36, 48)  # camera (height, width)
-FOUND = 1e-3  # share of the brightest entry
+FOUND = 1e-3  # share of the brightest entry; an acquisition misses fainter entries
 DRAWN_RADII = (3, 5, 10, 15)  # radii of figure 4.8
 WHOLE = 100  # radius that covers the whole picture
 CUTS = {  # share of the brightest entry -> radius and τ₁, (0, 0) for no cut

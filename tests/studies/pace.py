@@ -2,8 +2,8 @@
 
 Runs `counterlight acquire` in a shipped scene with a camera of 96x72 and a projector of 128x96 pixels. Each exposure of
 the simulated camera takes a seventh of a second. The study prints the lines of the command with their times, and then
-the actual exposures, minutes and megabytes. The last line shows the errors of the estimates after the first minute: of
-the whole time, which is the time so far plus the time left. A scene takes up to ten minutes.
+the actual exposures, minutes and megabytes. The last line shows the errors of the estimates after the first minute. An
+estimate of the whole time is the time so far plus the time left. A scene takes up to ten minutes.
 """
 
 import argparse
@@ -75,7 +75,7 @@ def acquire(room: Path, folder: Path, options: Sequence[str]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.pace", description=__doc__)
-    parser.add_argument("--scene", nargs="+", choices=shipped_scenes(), default=["corner"], help="default corner")
+    parser.add_argument("--scene", nargs="+", choices=shipped_scenes(), default=["corner"], help="default: corner")
     options, others = parser.parse_known_args()
     for scene in options.scene:
         print(f"\n{scene}")

@@ -60,7 +60,7 @@ def sides(rng: np.random.Generator) -> Shape:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rooms", type=int, default=100, help="random rooms of each kind")
+    parser.add_argument("--rooms", type=int, default=100, help="number of random rooms of each kind")
     rooms, rng = parser.parse_args().rooms, np.random.default_rng(7)
     found = defaultdict(list)
     for _ in range(rooms):

@@ -11,7 +11,7 @@ from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.hdr.recovery import recover_response
 from tests.brackets import CURVES, codes_of
 
-BRACKETS = ((13, 1), (5, 2), (3, 3))  # exposures, stops apart
+BRACKETS = ((13, 1), (5, 2), (3, 3))  # number of exposures, and stops between them
 METHODS = ("debevec", "robertson")
 COLUMNS = ("exposures, stops apart", "method", *CURVES)
 PIXELS, NOISE = 8000, 0.01

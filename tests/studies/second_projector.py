@@ -232,8 +232,8 @@ def picture(light: FloatArray, white: float) -> FloatArray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=("shadow", "brightness", "wide", "highlight"), help="one room")
-    parser.add_argument("picture", type=Path, nargs="?", help="PNG of all, a row each")
+    parser.add_argument("--only", choices=("shadow", "brightness", "wide", "highlight"), help="measure only this room")
+    parser.add_argument("picture", type=Path, nargs="?", help="draw a row per room into this PNG")
     options = parser.parse_args()
     print("| room: figure | first | second | both | both, `--avoid-highlights` |\n|---|---|---|---|---|")
     drawn = []

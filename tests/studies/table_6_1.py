@@ -14,7 +14,7 @@ from counterlight.tools.study.table_6_1 import HEADER, THESIS_ROWS, cells, measu
 def main() -> None:
     scenes = scenes_of_the_table()
     parser = argparse.ArgumentParser(prog="python -m tests.studies.table_6_1", description=__doc__)
-    parser.add_argument("--scene", nargs="+", choices=scenes, default=scenes, help="default all")
+    parser.add_argument("--scene", nargs="+", choices=scenes, default=scenes, help="measure these scenes (default all)")
     options = parser.parse_args()
     print(f"| {' | '.join(HEADER)} |\n{'|---' * len(HEADER)}|", flush=True)
     for row in THESIS_ROWS:

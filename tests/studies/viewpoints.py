@@ -50,8 +50,8 @@ CAMERA, PROJECTOR = (96, 128), (45, 80)
 COUNT = 22  # viewpoints along the line
 SETS = {1: [10], 2: [0, 21], 4: [0, 7, 14, 21], 8: [0, 3, 6, 9, 12, 15, 18, 21]}
 SEEN = range(1, COUNT, 2)
-TO_THE_END, PLAYED = 256, 8  # steps
-WHITE_ERROR = 60  # code values
+TO_THE_END, PLAYED = 256, 8  # steps of refinement: to convergence, and as played
+WHITE_ERROR = 60  # code values; an error that is drawn white
 ROUGH = "gloss = { reflectance = 0.06, roughness = 0.35 }"
 
 
@@ -367,8 +367,8 @@ def _milliseconds(room: Room, frame: Frame, places: Sequence[object]) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scene", nargs="+", choices=SUBJECTS, default=list(SUBJECTS))
-    parser.add_argument("--price", action="store_true", help="milliseconds and memory instead")
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="errors of the first scene instead")
+    parser.add_argument("--price", action="store_true", help="print only milliseconds and memory")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw only the errors of the first scene")
     options = parser.parse_args()
     if options.price:
         price()

@@ -208,8 +208,8 @@ def _pictures(shape: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
 def main() -> None:
     parser = argparse.ArgumentParser("python -m tests.studies.watching", description=__doc__)
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=["wall"])
-    parser.add_argument("--event", nargs="+", metavar="WORD", help="only events whose name contains a word")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="the rooms, to use again")
+    parser.add_argument("--event", nargs="+", metavar="WORD", help="run only events whose name contains a WORD")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the rooms here, for later runs")
     options = parser.parse_args()
     with threadpool_limits(limits=1), tempfile.TemporaryDirectory() as temporary:
         for name in options.room:

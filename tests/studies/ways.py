@@ -22,7 +22,7 @@ from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, WAYS, Way, Ways, ways_of
 
 CAMERA, PROJECTOR = (72, 96), (72, 96)
-ROOMS = {  # name: way, and number of its surface; None where all surfaces have it
+ROOMS = {  # name of a room: its way, and the number of the surface with it; None for all surfaces
     "wall": (BOUNCED, None),
     "corner": (BOUNCED, None),
     "skull": (SCATTERED, 1),
@@ -54,7 +54,7 @@ def row(name: str, ways: Ways, way: Way, where: BoolArray) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("picture", type=Path, nargs="?", help="PNG: the rooms, below them their ways")
+    parser.add_argument("picture", type=Path, nargs="?", help="draw the rooms, and their ways below, into this PNG")
     options = parser.parse_args()
     print("| room | way | of its surface | elsewhere | another way | of all light |\n|---|---|---|---|---|---|")
     drawn = []

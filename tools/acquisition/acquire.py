@@ -55,9 +55,9 @@ from counterlight.tools.acquisition.recording import Part, Recorder, Store, Stor
 from counterlight.tools.acquisition.wander import Wander, wander_of
 
 MOST_SATURATED = 0.02  # share of the camera's pixels
-LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise; by this multiple of the noise
+LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise; least rise in multiples of the noise
 EXPLAINED = 0.5  # a white segment must reduce the unexplained error of the coloured check to at most this share
-LESS = 0.8  # the same for colour processing, whose error contains the gains of a camera without a border
+LESS = 0.8  # same share for colour processing, whose error includes the gains of a camera without a border
 DEFAULT_AIM = Aim()
 BLACKS = 8  # captures of black per capture of a finest pattern, so that black adds an eighth to their variance
 LAST = Expected(3)  # floodlight and the two checks
@@ -191,7 +191,7 @@ def _early_pictures(part: Part) -> list[Picture]:
 
 
 def _expected(part: Part, make_scheme: MakeScheme) -> tuple[Expected, ...]:
-    """Returns the levels of a projector that follow."""
+    """Returns the levels that follow a projector's first level."""
     light = len(light_level(part.projector).patterns) if part.coloured else 0
     black = BLACKS if part.averaged else 0
     return Expected(light), Expected(black, share=1), *make_scheme.expected(part.projector), LAST
@@ -208,7 +208,7 @@ def _acquire(
         ramps = part.capture(replace(light_level(projector), later=part.expected[1:]))
         light = measure_light(wander.steadied(ramps), room)
     if part.averaged:
-        if averaging is None:  # an older version captured the random picture here
+        if averaging is None:  # captures of an older version have the random picture here
             (seen,) = part.capture(Level("noise", [random_pixels(projector)], part.expected[1:]))
             averaging = part.averaging(room, np.asarray(seen, np.float64))
             part.begin(averaging)
@@ -281,7 +281,7 @@ def _run(scheme: Scheme, part: Part, wander: Wander) -> Measured:
             measured: Measured = ended.value
             return measured
         except InputError:
-            check_closure(level, captures, room)  # a wrong capture explains more than the error that it causes
+            check_closure(level, captures, room)  # its message about a wrong capture says more than the scheme's error
             raise
         check_closure(level, captures, room)
         level = following

@@ -15,7 +15,7 @@ MIDDLE = 512  # camera pixels; side of the square in which focus is judged
 LIT, NOISES = 0.1, 4  # lit means above this share of the brightest rise and above this multiple of the noise
 SPECK = 5  # pixels; side of the median filter
 LEAST_LIT = 0.001  # share of the camera's pixels
-EDGE_SHARE = 0.1  # a row or column below this share of the fullest holds only reflections next to the picture
+EDGE_SHARE = 0.1  # share of the fullest row or column; emptier ones hold only reflections next to the picture
 LEAST_MARGIN, LEAST_FILLED = 0.02, 0.3  # shares of the view's sides and of its area (docs/first-rig.md)
 
 

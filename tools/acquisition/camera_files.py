@@ -14,8 +14,8 @@ from counterlight.arrays import FloatArray
 
 LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 BLOCK, HIGH = 8, 10  # pixels; sum of the indices of a high frequency
-GONE, MORE_GONE = 1.0, 0.3  # code values of 255; difference of the shares of such coefficients on and off the grid
-HALVED = 0.6  # squared deviation from the mean on the grid of colour, relative to off the grid; 0.66 and more for 4:4:4
+GONE, MORE_GONE = 1.0, 0.3  # code values (of 255) below which a frequency is gone; share gone on minus off the grid
+HALVED = 0.6  # squared deviation from the neighbours' mean, on the colour grid over off it; at least 0.66 for 4:4:4
 OVERSHOOT = 0.04  # share of the range
 OVERSHOT, JPEG_OVERSHOT = 0.005, 0.16  # share of the pixels that edges cross; JPEG of quality 75 has up to 0.13
 EDGE = 0.2  # share of the range
@@ -56,7 +56,7 @@ def _gone(luma: FloatArray, start: int) -> float:
 
 
 def _has_halved_colour(patterns: Sequence[FloatArray]) -> bool:
-    off = np.zeros(2)  # the grid, on the grid
+    off = np.zeros(2)  # sums over the pixels off the grid and on the grid
     for pattern in patterns:
         for channel in (0, 2):
             change = np.diff(pattern[..., channel] - pattern @ LUMA, axis=1)

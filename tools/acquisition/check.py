@@ -87,7 +87,7 @@ def check_coloured(
     clear = whole > CLEARLY_LIT * room.rise_noise
     predicted = np.zeros_like(whole)
     for primary, light in enumerate(lights):
-        unclear = np.broadcast_to(np.arange(3) == primary, whole.shape).astype(np.float64)  # only its own channel
+        unclear = np.broadcast_to(np.arange(3) == primary, whole.shape).astype(np.float64)  # own channel: share 1
         share = np.divide(light, whole, out=unclear, where=clear)
         predicted += share * transport.apply(_three(drive[:, primary]))
     return _compared(predicted, room, capture, wandering=wandering)

@@ -8,8 +8,8 @@ from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import Captures, Level, Reference
 
 CLEARLY_LIT = 10  # multiple of the noise of all captures together
-MOST_UNCLOSED = 0.02  # share of the clearly lit camera pixels that may be off by more than the next line:
-UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # floodlights: for blocks, and for codes, which light about half of the room
+MOST_UNCLOSED = 0.02  # share of the clearly lit camera pixels whose sum may be off by more than the next line
+UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # error in floodlights: for blocks, and for codes (half of the room lit)
 
 
 class SummedCaptures:
@@ -51,7 +51,8 @@ def check_closure(level: Level, captures: SummedCaptures, room: Reference) -> No
     if not level.cover:
         return
     total, light = captures.above_black(room), room.light
-    # Each capture contains the error of the black picture, so the noise grows with their number, not with its root.
+    # Each capture contains the error of the black picture, so the noise grows with the number of captures, not with
+    # its square root.
     lit = np.any(light > CLEARLY_LIT * room.noise.dark * len(captures), axis=1) & ~room.saturated.ravel()
     if not lit.any():
         return

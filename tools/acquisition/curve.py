@@ -40,12 +40,12 @@ SMOOTH = 0.03  # standard deviation of the second differences of log slopes; 0.1
 TOE = 0.05  # the fit starts with the best of these exponents of code + TOE
 EXPONENTS = 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.4, 3.0
 STEPS, ENOUGH = 20, 1e-5  # Gauss-Newton steps; relative gain of a step that ends the fit
-ROBUST = 3.0  # multiple of the median misfit, from which on a pixel counts much less
+ROBUST = 3.0  # multiple of the median misfit; pixels beyond it count much less
 LEAST_CLEAR = 20  # multiple of a code's step that white must rise above black
-FEWEST = 100  # camera pixels
+FEWEST = 100  # camera pixels that a fit needs
 STRAIGHT = 0.02  # share of white; curves closer to a straight line count as linear (1.4 % for a linear JPEG of 75)
-SURELY = 3.0  # multiple of the curve's error, likewise
-DARKEST, DARK = 0.005, 0.02  # share of the camera's pixels that see no light in black, unless it exceeds this light
+SURELY = 3.0  # multiple of the curve's error; curves closer to a straight line count as linear
+DARKEST, DARK = 0.005, 0.02  # share of the camera's pixels that see no light under black; largest g there over white's
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _between(light: FloatArray) -> FloatArray:
 
 
 def _nothing(fit: "_Fit", black: FloatArray, white: FloatArray) -> float:
-    """Returns g of no light: the darkest pixels of black, unless the room's light reaches them too."""
+    """Returns g of no light, from the darkest pixels under black; 0 if the room's light reaches them."""
     darkest, brightest = fit.light(np.array([np.quantile(black, DARKEST), np.quantile(white, 1 - DARKEST)]))
     return float(darkest) if darkest <= DARK * brightest else 0.0
 

@@ -21,9 +21,9 @@ REPEATS = 4  # captures of each picture
 MARGIN = 8  # pixels nearer to the raster's border than 1/MARGIN of its side count as outer pixels
 INNER = 0.999  # an inner camera pixel gets at least this share of its light from inside the margin
 OWN = 0.99  # least share of a camera pixel's light that must come from one projector
-CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # camera pixels
+CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # camera pixels: shift that counts as moved; uncertainty that is too large
 EXPLAINED = 0.5  # share of the change that a camera shift of more than a pixel must explain
-SURE = 5.0  # standard deviations
+SURE = 5.0  # standard deviations by which a change must exceed its uncertainty
 SAME = 0.002  # share of the light; a smaller change is ignored, even if a bare wall seems to have shifted
 OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # relative change of a pixel; share of the view that may change by more
 ROOM_LIGHT, SMOOTH = 0.001, 3.0  # share of the floodlight; σ of the smoothing in camera pixels
@@ -93,7 +93,7 @@ class Looked:
     def asking(self, asked: tuple[bool, ...], exposures: FloatArray) -> "Looked":
         """Returns the room restricted to some cameras, with each camera's light divided by its exposure.
 
-        exposures : (cameras, 3). Light of each camera relative to what it would have been.
+        exposures : (cameras, 3). Exposure of each camera relative to its exposure at the calibration.
         """
         black, white = (divided(picture, self.known.room, exposures) for picture in (self.black, self.white))
         return Looked(self.known, black, white, self.noise, self.usable, asked)

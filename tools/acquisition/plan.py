@@ -19,7 +19,7 @@ Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width); l
 Codes: TypeAlias = NDArray[np.uint8]  # (projector height, projector width, 3); code values sent to the projector
 Picture: TypeAlias = Pattern | Codes  # a picture of a level
 Painted = TypeVar("Painted", covariant=True)
-REPEATS = 16  # captures of black, floodlight and primaries; against 4, 24 more pictures gain 5 dB on a smooth wall
+REPEATS = 16  # captures of black, floodlight and primaries; 16 gain 5 dB over 4 on a smooth wall, for 24 more pictures
 MAD_TO_SIGMA = 1.4826  # for a normal distribution
 
 

@@ -20,14 +20,14 @@ from counterlight.tools.acquisition.plan import Codes, Reference, codes_of, mean
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has arrived and an automatic exposure has acted
 TRIALS = 3
-LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # share of the brightest rise; shares of the camera's pixels
+LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # share of the brightest rise; lit shares of the camera's pixels
 MOST_SATURATED, LEAST_BRIGHT = 0.02, 0.25
 MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # shares of the projector's light
 OBEYED = 0.15  # tolerance: half the exposure time must give half the light
-FOLLOWED = 0.95  # share of the code values that half the exposure time may give at most, if the curve is unknown
+FOLLOWED = 0.95  # if the curve is unknown: largest share of the code values that half the exposure time may give
 WATCHED, STEADY, CALM = 12, 0.02, 0.01  # frames; allowed relative drift and flicker
 ADDITIVE = 0.03
-SEQUENCE = np.array([1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0], np.bool_)  # maximal length: every shift differs
+SEQUENCE = np.array([1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0], np.bool_)  # maximum length: all shifts differ
 FIRST_NUMBER = 1 << 40  # far above the numbers of stored captures, so that simulated noise differs from theirs
 
 

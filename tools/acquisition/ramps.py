@@ -111,7 +111,7 @@ def measure_light(captures: Sequence[NDArray[np.floating]], room: Reference) -> 
             "ramps: every camera pixel that the projector lights well is saturated; shorten the exposure (or add a "
             "shorter one) and capture again"
         )
-    own, whole = (np.ones((len(CODES), len(COLOURS))) for _ in range(2))  # shares of the own template and of white
+    own, whole = (np.ones((len(CODES), len(COLOURS))) for _ in range(2))  # shares of the colour's template and white
     own[0], whole[0] = 0, 0
     whole[-1] = [white.share(light) for light in (room.light, *primaries)]
     parts = Primaries(room, primaries)

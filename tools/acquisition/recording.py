@@ -34,13 +34,13 @@ class Store(Protocol):
     @property
     def averaged(self) -> bool: ...
     def repeats(self, level: int, choose: Callable[[], int]) -> int:
-        """Returns the captures per picture of a level, as chosen first; levels are numbered in order of arrival."""
+        """Returns a level's captures per picture; `choose` decides in the first run. Levels count as they arrive."""
 
     def has_curve(self, choose: Callable[[], bool]) -> bool:
-        """Returns whether the captures include pictures of the camera's curve, as chosen first."""
+        """Returns whether the captures include pictures of the camera's curve; `choose` decides in the first run."""
 
     def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
-        """Returns whether the captures include colours of a projector (from 1), as chosen first."""
+        """Returns whether the captures include colours of a projector (from 1); `choose` decides in the first run."""
 
     def develop(self, response: Response) -> None:
         """Read the captures with this curve of the camera from now on."""
@@ -126,7 +126,7 @@ class Recorder:
         return self._store.averaged
 
     def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
-        """Returns whether to capture colours of a projector, as chosen first; captures of older versions have none."""
+        """Returns whether to capture colours of a projector: False for captures of older versions, else as in Store."""
         return self._store.has_colours(number, lambda: not self._store.has(self._count) and choose())
 
     def taken_since(self) -> tuple[int, int, float, int]:
@@ -300,7 +300,7 @@ class Part:
         return in_raster(picture, self._raster, self._region)
 
     def has_colours(self, choose: Callable[[], bool]) -> bool:
-        """Returns whether this projector's captures include colours, as chosen first."""
+        """Returns whether this projector's captures include colours; `choose` decides in the first run."""
         return self._recorder.has_colours(self.number, choose)
 
     def taken(self) -> tuple[int, int, float, int]:

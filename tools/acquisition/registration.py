@@ -115,7 +115,7 @@ class Registrar:
         return self._transport.apply(whole)
 
     def _whole_shift(self, drive: FloatArray, light: FloatArray) -> FloatArray:
-        """Returns θ of the best whole shift: the peak of Σ q(u) p(u − s) over the root of p's energy there."""
+        """Returns θ of the best whole shift: the peak of Σ q(u) p(u − s) divided by the root of p's energy there."""
         share = light / self.flood
         gathered = self.near.T @ ((share - share.mean()) / self.flood)
         weight = self.near.T @ (1 / self.flood)

@@ -1,9 +1,9 @@
 """Check whether the room is as calibrated, with black, white and a random picture per projector (docs/drift.md).
 
 If the floodlit room inside the raster has changed, camera or scene has moved, and only a new acquisition helps. If one
-of several cameras has moved, the check ignores it and uses the others. Otherwise the pictures give the position of each
-projector's picture, the floodlight the projectors' remaining light, and black the light of the room. These changes are
-undone frame by frame.
+of several cameras has moved, the check ignores it and uses the others. Otherwise the random pictures give the
+position of each projector's picture, the floodlight gives the projectors' remaining light, and black gives the light of
+the room. The player undoes these changes frame by frame.
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,8 @@ class Checked:
 
     drift : changes that can be undone.
     said : description in words.
-    exposures : (cameras, 3). Light of each camera relative to what it would have been.
-    asked : per camera, whether it has not moved.
+    exposures : (cameras, 3). Exposure of each camera relative to its exposure at the calibration.
+    asked : per camera, whether its captures are used; False if it has moved.
     lost : whether the calibration no longer holds.
     """
 

@@ -34,7 +34,7 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
-FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4 lacks halves; 3 also lacks ramps, primaries, coloured check
+FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # format 4 lacks halves; format 3 also lacks ramps, primaries, coloured check
 # keys of a session that do not identify its captures
 OWN = "id", "captures", "made", "finished", "repeats", "curve", "colours"
 FIX = "name another folder with --captures, or remove this one"
@@ -181,7 +181,7 @@ class CaptureStore:
         self._write()
 
     def finish(self) -> None:
-        """Record that the room is in place, and remove the captures that these replace."""
+        """Record that the room is in place, and remove the captures that this acquisition replaces."""
         _finish(self._folder, self._record)
 
     def _write(self) -> None:

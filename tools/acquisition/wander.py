@@ -1,10 +1,10 @@
 """Find the gain of each capture where a camera's brightness wanders, as with an automatic white balance.
 
-A capture of drive p is g (T p + e), with a gain g per channel. The captures of white at the beginning tell how far
-gains spread. From LEAST on, captures are divided by their gains, for which there is evidence of two kinds:
+A capture of drive p is g (T p + e), with a gain g per channel. The first captures of white show how far gains
+spread. From LEAST on, captures are divided by their gains, for which there is evidence of two kinds:
 
 border : camera pixels that white lights little see g e + a F, where a picture of one colour shows a share of the
-    floodlight F. The other camera pixels tell a. A border with noise counts less: g is shrunk towards 1.
+    floodlight F. The other camera pixels give a. A border with noise counts less: g is shrunk towards 1.
 closure : the captures of a scheme's level add up to floodlit rooms in every camera pixel, Σ_k (h_k c_k − e) = cover T·1
     with h = 1 / g. Least squares over bright pixels fit h, with h = 1 as a prior.
 """
@@ -115,7 +115,7 @@ class Wander:
 
 @dataclass(frozen=True)
 class _Border:
-    """What a border tells.
+    """Estimates of a and g from a border.
 
     lit : (camera pixels, 3). Weights of light above black, whose sum is the share of the floodlight.
     weights : (border pixels, 3). Weights of the border's light, whose sum is the gain.

@@ -24,7 +24,7 @@ from counterlight.tools.transport.transport import Transport
 
 LONG, MANY = 64, 1 << 24  # entries per camera pixel and in total; below either, T is played unchanged
 BAND = 1 << 22  # entries that are put into cells at a time
-BYTES_AN_ENTRY = 16  # a second T, in bands that wait for the last band
+BYTES_AN_ENTRY = 16  # memory of a second T, whose bands are kept until the last band is done
 LEAST_SAVED = 0.5  # share of T's entries that may remain; otherwise T stays unchanged
 LIMITS = 0.032 * np.sqrt(0.5) ** np.arange(16)  # limits to try: down to 1.8e-4
 SIDE = 128  # camera pixels of the square: several times the widest blur, so that its border does not matter
@@ -194,7 +194,7 @@ def _about(indices: NDArray[np.integer], raster: tuple[int, int]) -> IntArray:
 
 
 def _inner(side: tuple[int, int]) -> BoolArray:
-    """Returns the pixels without an eighth at each border, because there is no target beyond the border."""
+    """Returns which pixels are inside, without an eighth at each border, because the target ends at the border."""
     inner = np.zeros(side, bool)
     inner[side[0] // 8 : side[0] - side[0] // 8, side[1] // 8 : side[1] - side[1] // 8] = True
     return inner.ravel()

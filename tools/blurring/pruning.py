@@ -99,7 +99,7 @@ def _rows(row: IntArray, column: IntArray, weights: NDArray[np.float32], shape: 
 
 
 def _pruned(indptr, indices, weights, levels, starts, limit, count, placed, given):  # type: ignore[no-untyped-def]
-    """Write each row's entries and cells to the place of its entries; there are never more of them.
+    """Write each row's entries and cells into the space of its old entries, which always suffices.
 
     levels : (height, width) of each level, pixels first.
     starts : first number of each level.

@@ -2,8 +2,8 @@
 
 The projector pixels that a camera pixel sees are grouped into blocks of neighbours, each around the strongest
 connection that is in no block yet. Within a block, connections of at most τ₁ times the strongest are removed. A
-projector pixel that lost all connections gets back all of at least τ₂ times its strongest. Energy is then fitted
-(connections.py).
+projector pixel that lost all connections gets back its connections of at least τ₂ times the strongest. Energy is then
+fitted (connections.py).
 
 The pseudo-code leaves some choices, which are made as follows:
 

@@ -73,12 +73,12 @@ def decompose_to(
 def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int, or_smallest: bool) -> list[_Cut]:
     """Return the mildest sufficient cut of the first radius that has one, and of the next two.
 
-    Without any: the closest cut if `or_smallest`, else InputError.
+    If no radius suffices: the closest cut if `or_smallest`, else InputError.
     """
     found: list[_Cut] = []
     smallest, closest = graph.shape[1] + 1, None
     for radius, strongest in _neighbourhoods(graph, projector_shape):
-        if _blocks_of_one(graph, strongest) > max_cluster:  # a dense T has thousands: no need to try the cut
+        if _blocks_of_one(graph, strongest) > max_cluster:  # a dense T has thousands: the cut cannot suffice
             continue
         size = _largest(graph, cut(graph, strongest, 1.0, 1.0)[0])
         if size < smallest:

@@ -20,7 +20,7 @@ from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.transport.transport import Csr, in_one, luminance
 
 BLACK_PERCENTILE = 99  # over the camera pixels that count; highlights must not lift the black of the whole room
-SPREADS = 2.0  # in spreads of a typical footprint; camera pixels up to here from the brightest belong to a pixel
+SPREADS = 2.0  # largest distance from a footprint's brightest camera pixel, in spreads of a typical footprint
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Diagonal:
     black: FloatArray
 
     def drive(self, picture: FloatArray) -> FloatArray:
-        """Returns the drive for a target picture (height, width, 3), linear: what other programs show of it."""
+        """Returns the drive for a target picture (height, width, 3), linear, as other programs compute it."""
         x, y = np.moveaxis(self.places * self.target[::-1] - 0.5, -1, 0).astype(np.float32)
         warped = cv2.remap(picture.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.clip(warped * self.alpha * (1 - self.beta) + self.beta, 0, 1)
@@ -100,7 +100,7 @@ def _footprints(room: Room) -> Csr:
     x, y = _positions(room).reshape(-1, 2)[camera_pixel].T
     order = np.argsort(shares, kind="stable")
     brightest = np.zeros(rows.columns, np.int64)
-    brightest[rows.indices[order]] = order  # the last one stays
+    brightest[rows.indices[order]] = order  # of equal indices, numpy keeps the last assignment
     own = brightest[rows.indices]
     distance = np.hypot(x - x[own], y - y[own])
     sums = np.bincount(rows.indices, shares, rows.columns)

@@ -83,7 +83,7 @@ def compensated(T: Transport, pictures: Pictures, steps: int = STEPS) -> Picture
 
 
 def measured(T: Transport, factored: Transport, pictures: Pictures) -> dict[str, float]:
-    """Returns the loss of each picture by the factored T, dB: MORE steps by it against as many by T."""
+    """Returns the loss of each picture in dB, after MORE steps by the factored T compared with MORE steps by T."""
     best = compensated(factored, pictures)
     by_factors, by_T = (compensated(each, best, MORE).squared_error(T) for each in (factored, T))
     found = 10 * np.log10((by_factors + DARKEST) / (by_T + DARKEST))

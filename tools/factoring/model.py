@@ -24,7 +24,7 @@ from counterlight.tools.transport.transport import Csr, Dense, FarLight, Shape, 
 ROUNDS = 3
 RIDGE = 1e-6  # ε relative to the mean diagonal; nodes without far light stay 0
 PEAK = 64.0  # multiple of its row's mean above which an entry starts as near light
-CROWD, BLOCKS = 8.0, 108  # a block of the raster, of so many, that sends this multiple of its share is near light, too
+CROWD, BLOCKS = 8.0, 108  # a block that sends this multiple of its share is near light, too; blocks of the raster
 MOST_SCALED = 2.0  # largest factor by which a row of U may grow or shrink
 FAINTEST = 1e-6  # share of a row's light; below it is float32 rounding, not missed light
 

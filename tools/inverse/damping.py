@@ -46,7 +46,7 @@ def choose_damping(
     mask : (camera height, camera width) bool.
     judge : transport that predicts the camera picture, if T is a decomposed one.
     floor : noise of T as a fraction of σ₁; no candidate is smaller.
-    pictures : None for the typical ones.
+    pictures : pictures to try; None for the typical pictures.
     largest : T's σ₁, if known.
     """
     inside = mask.ravel()

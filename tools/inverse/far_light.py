@@ -28,7 +28,7 @@ def undo_far_light(far: FarLight, T_pinv: SparseRows) -> FarLight:
 
     T_pinv : S⁺, (projector pixels, camera pixels).
 
-    Raises InputError if there is no such light, or only beyond float32.
+    Raises InputError if the equation for y has no solution within float32.
     """
     factors = channels(far.gather), far.mix.matrices, channels(far.scatter), channels(T_pinv)
     gather, mix = zip(*side_by_side(_undone, *factors), strict=True)

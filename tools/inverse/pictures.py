@@ -24,7 +24,8 @@ CENTRES = ((0.5, 0.5), (0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75))
 def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:
     """Return three grey pictures (height, width), linear, 0..1: like a photograph, like lettering, and a bright ramp.
 
-    They depend on the shape only. The photograph is 1/f noise (Field 1987: natural pictures' amplitude falls as 1/f).
+    The pictures depend on the shape only. The photograph is 1/f noise, because the amplitude of natural pictures falls
+    as 1/f (Field 1987).
     """
     height, width = shape
     y, x = np.mgrid[:height, :width]

@@ -187,7 +187,7 @@ def block_diagonal(mixes: Sequence[Dense]) -> Dense:
 
 
 def _same_cells(chain: Chain[Factor, Factor | None], other: Chain[Factor, Factor | None]) -> bool:
-    """Return whether two projectors share the same light from the cells on."""
+    """Return whether the factors after the cells are the same for two projectors."""
     return all(equal(*pair) for pair in zip(chain.factors[1:], other.factors[1:], strict=True))
 
 

@@ -99,7 +99,7 @@ def on_one_screen(
 
 @dataclass(frozen=True)
 class _View:
-    """One camera's rows of T, luminance as shares of the row's sum, so that paint does not move a footprint's centre.
+    """One camera's rows of T: luminance divided by the row's sum, so that paint does not move a footprint's centre.
 
     shape : (height, width).
     counts : (pixels,). Its mask.

@@ -16,15 +16,15 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 REWEIGHTED = 10  # iterations until outliers no longer affect the trend
 # a value counts little beyond USUAL times the median distance, and beyond LEAST in units of the values
 USUAL, LEAST = 4.0, 0.05
-CONTRADICTED = 0.5  # likewise, for the distance from the median of a value's neighbours
+CONTRADICTED = 0.5  # the same limit for the distance from the median of a value's neighbours
 BESIDE = np.mgrid[-2:3, -2:3].reshape(2, -1).T  # offsets of the neighbours
-ALONE = 8  # neighbours, itself included; with fewer, a value is ignored
+ALONE = 8  # values in a neighbourhood, including the middle value, which is ignored if there are fewer
 AT_ONCE = 1 << 15  # pixels whose neighbours are processed at a time
 WORTH = 0.5  # the projective trend must leave less than this share of the affine trend's distances
 STEEPEST = 2.0  # largest ratio of scales over the picture
 COARSEST = 4  # cells along the longer side
 WIDTH = 2.0  # standard deviation of the Gaussian, in cells
-CONSTANT_RIDGE, SLOPE_RIDGE = 1e-3, 0.05  # relative to a full neighbourhood
+CONSTANT_RIDGE, SLOPE_RIDGE = 1e-3, 0.05  # ridges of a fit's constant and slopes, relative to a full neighbourhood
 MOST_POINTS = 20000  # for fitting a trend
 
 

@@ -22,7 +22,7 @@ MOST_SATURATED, LEAST_VARIED = 0.25, 0.02  # share of lit values; deviation of c
 LIT = 0.5  # correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
-DARK = 1e-6  # sum of squared radiance that tells nothing about a gain
+DARK = 1e-6  # a smaller sum of squared radiance tells nothing about a gain
 LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # share of the camera's range; camera pixels that determine a gain
 FOLDS = 4  # parts of the pairs that are predicted by a fit of the other parts
 MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
@@ -77,7 +77,7 @@ class Fitted:
     gains : (pairs, 3). Gain of each capture.
     unsteady : (pairs,) bool. Captures whose gain is beyond MOST_GAIN, which the fit uses instead.
     lit : (height, width) bool. Camera pixels that the projector lights directly.
-    border : what the other camera pixels tell about gains.
+    border : evidence for gains from the other camera pixels.
     """
 
     places: Places

@@ -20,10 +20,10 @@ COARSE = 40  # cells of the coarse search along the longer side
 CLEAR, LEAST_MATCHES = 0.6, 24  # correlation of a reliable match of cells, and how many are needed
 NO_MATCH = "the photographs do not show these pictures; check that they belong together, or list the pairs with --pairs"
 SCALES = {8: 5, 4: 4, 2: 3, 1: 2}  # and Gauss-Newton steps at each
-MOST_PAIRS = 24  # that refine places
+MOST_PAIRS = 24  # pairs that refine places
 WINDOW = 5.0  # standard deviation in camera pixels of the neighbourhood that determines a displacement
 LATERAL = 30.0  # standard deviation for displacements of single primaries
-MOST_STEP = 2.0  # pixels
+MOST_STEP = 2.0  # pixels by which a step may move a place
 STIFF = 2e-3  # share of the mean information that holds a displacement where the pictures are flat
 
 

@@ -18,9 +18,9 @@ from counterlight.arrays import FloatArray, IntArray
 SIDE = 400  # longer side of the pictures in which features are looked for
 GRID = 40, 30  # (width, height) in which pictures are compared
 RATIO, LEAST_INLIERS = 0.75, 15
-TRIED = 6  # photographs
+TRIED = 6  # photographs whose features are compared with a picture
 CERTAIN = 0.5  # correlation of a photograph and its picture
-PREFERRED = 0.05  # correlation that a picture with the same number is ahead
+PREFERRED = 0.05  # advantage in correlation of the picture with the same number
 
 
 def matched(

@@ -23,7 +23,7 @@ from counterlight.tools.hdr.photographs import refuse_curve
 from counterlight.tools.hdr.raw_files import is_raw
 from counterlight.tools.pairs.model import SATURATED
 
-LEAST = 8  # pairs
+LEAST = 8  # pairs that a fit needs
 TIFF = (".tif", ".tiff")
 SUFFIXES = (*stored.SUFFIXES, *TIFF)
 LONGEST_SIDE = 640  # camera pixels of a room's longer side, unless given

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 
-OWN, OTHER = 17, 7  # levels
+OWN, OTHER = 17, 7  # levels of a primary's own code, and of each other code
 USUAL = 2.2  # gamma that φ is expected to be near
-SMOOTH, EVEN = 0.1, 0.02  # weights of second differences from it, and of first differences along other codes
+SMOOTH, EVEN = 0.1, 0.02  # weights of second differences from that gamma, and of first differences along other codes
 CODES, FINE = 256, 64  # codes of the own and other primaries in the table for pictures
 
 

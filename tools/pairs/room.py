@@ -42,8 +42,8 @@ from counterlight.writing.outputs import check_apart, check_file
 from counterlight.writing.replacing import replacing_file
 
 FITS = 2  # copies of a fit's features in memory at once
-WRONG = 4  # one of so many pairs may be wrong
-HELD = 8  # one of so many pairs is predicted by a fit of the others
+WRONG = 4  # at most one pair in WRONG may be wrong
+HELD = 8  # one pair in HELD is predicted by a fit of the other pairs
 FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are dropped
 CODES = 256
 UNSTEADY = 0.05  # deviation of gains that is reported
@@ -252,7 +252,7 @@ def decibels(predicted: Pictures, captures: Pictures, lit: BoolArray) -> float:
 def _held_back_by_room(
     fitted: Fitted, room: Calibration, transport: Transport, codes: NDArray[np.uint8], captures: Pictures
 ) -> Pictures:
-    """Predict captures by models of other captures, with what T p + e differs from the model of all captures."""
+    """Predict captures by models of other captures, plus the difference of T p + e from the model of all captures."""
     predicted = held_back(fitted, codes, captures, additive=True)
     for number, (picture, model) in enumerate(zip(codes, fitted.predict(codes), strict=True)):
         light = transport @ room.response.to_linear(picture).reshape(-1, 3)

@@ -20,10 +20,10 @@ from counterlight.tools.pairs.geometry import Pictures, looked_up, regression
 SIZE = 256, 192  # (width, height) of the literature
 GAMMA = 2.2
 REACH = 2  # pixels from the middle of a patch to its edge
-WIDE = 2.0, 6.0  # standard deviations of blurs that tell the surroundings
+WIDE = 2.0, 6.0  # standard deviations of blurs that describe a pixel's surroundings
 HIDDEN = 48, 32
 BATCH, EPOCHS, SAMPLES, RATE = 1024, 6, 1_000_000, 2e-3
-NEWTON = 12  # steps
+NEWTON = 12  # steps of Newton's method
 
 
 @dataclass(frozen=True)

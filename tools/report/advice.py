@@ -18,7 +18,7 @@ from counterlight.tools.ways.footprints import PERIODS
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, STRAIGHT, TOLD, WAYS, Way, Ways
 
 LEAST_SHARE = 0.002  # share of the view; smaller areas are edges
-MOST = 8  # sentences
+MOST = 8  # sentences of advice at most
 SHARP = 8.0  # projector pixels: finer stripes lose contrast in any room
 BLUR = "lost_detail"
 

@@ -123,7 +123,7 @@ class NearLight:
         return Pyramid(self.blur.raster).light(below_each_other(self._blurred))
 
     def blurring(self) -> Blurring | None:
-        """Returns how long rows were shortened, or None if they were not."""
+        """Returns a report on the shortening of long rows, or None if no row was shortened."""
         if not self._blurred or self._choice is None:
             return None
         near, blurred = (sum(band.indices.size for band in bands) for bands in (self._near, self._blurred))

@@ -67,7 +67,7 @@ OPTICS: dict[str, Rule] = {
 }
 
 
-OVERLAP = 1e-3  # projector pixels²
+OVERLAP = 1e-3  # projector pixels²; a smaller overlap counts as none
 SHARP = 1e-3  # pixels; a smaller circle of confusion moves one ray in a thousand
 
 

@@ -70,7 +70,7 @@ class Simulated:
     """T and e (camera height, camera width, 3) of a scene, with one report per effect.
 
     spectral : light per primary, if the camera's channels see several primaries; T then describes white light.
-    blurring : how long rows were shortened; None if they were not.
+    blurring : report on the shortening of long rows; None if no row was shortened.
     """
 
     transport: Transport
@@ -182,7 +182,7 @@ class _Simulation:
             yield from self.effects.timed(name, light_map.deposits)
 
     def _take_all(self, bands: list[range], elsewhere: Elsewhere) -> None:
-        """Take bands in their own order, which determines how long rows are shortened, not in order of completion."""
+        """Take bands in picture order, not in order of completion: the order decides how rows are shortened."""
         needs, waiting, next_one = tuple(self.needs.items()), dict[int, Band](), 0
         jobs = [partial(trace_band, elsewhere.source, needs, rows) for rows in bands]
         for number, (band, costs) in track(elsewhere.workers.completed(jobs), "tracing light paths", len(jobs)):

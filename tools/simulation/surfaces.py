@@ -10,7 +10,7 @@ from counterlight.tools.simulation.materials import Material
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.shapes.shape import Shape, sample_places
 
-AHEAD = 1e-9  # metres
+AHEAD = 1e-9  # metres in front of a surface that count as facing it
 OUTLINE_SIDE = 17  # points per axis that represent a curved surface
 
 

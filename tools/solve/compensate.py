@@ -33,7 +33,7 @@ from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
 FAR_ROUNDS = 20
-FAR_TOLERANCE = 0.1 / 255  # drive
+FAR_TOLERANCE = 0.1 / 255  # change of drive that ends the iteration; a smaller excess over 0..1 is no clipping
 HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB  light outside %"
 
 
@@ -41,7 +41,7 @@ HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  
 class CompensateOptions:
     """Options of a compensation.
 
-    solvers : one of COMPENSATIONS.
+    solvers : names in COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most this many projector pixels (thesis 4.2.2).
     white : radiance of a white picture; None for what most of the room can reach.
     colour : one of COLOURS.

@@ -1,9 +1,9 @@
 """Non-negative least squares, min ‖T p − b‖, p ≥ 0 (thesis 4.2.4), then clamped to what a projector can show.
 
-Clusters use block principal pivoting (Kim and Park 2011), compiled by Numba. It guesses which pixels are 0, solves for
-the others, and exchanges all that violate the optimality conditions; if this cycles, only the last of them. Blocks that
-do not converge, or converge inexactly, are solved by scipy's active sets (Lawson and Hanson 1974). Clusters that are
-too large use projected gradient.
+Clusters use block principal pivoting (Kim and Park 2011), compiled by Numba. The method guesses which pixels are 0,
+solves for the others, and exchanges all pixels that violate the optimality conditions. If this cycles, it exchanges
+only the last of them. Scipy's active sets (Lawson and Hanson 1974) solve blocks that do not converge, or converge
+inexactly. Clusters that are too large use projected gradient.
 """
 
 from functools import partial
@@ -24,7 +24,7 @@ RIDGE = (
 )
 REFINEMENTS = 2
 TINY = np.finfo(float).tiny
-EXACT = 0.01  # share of the slack below; no further refinement is then needed
+EXACT = 0.01  # share of TOLERANCE; results with smaller errors need no further refinement
 TOLERANCE = 1e-9  # relative to ‖T_j‖ ‖b‖, for the optimality conditions
 
 

@@ -28,7 +28,7 @@ STEPS = (1, 2, 4, 8, 16, 32, 64)
 DIRECT_STEPS = (4, 16, 64)
 CUT_STEPS = (1, 4, 16, 64)
 MAX_CLUSTERS = (50, 200, 1000)
-MAX_ERRORS = (2.0, 8.0, 32.0)  # besides the default
+MAX_ERRORS = (2.0, 8.0, 32.0)  # values of --max-error besides the default
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
 UNCUT = "T⁺"
 DEFAULTS = InverseOptions(inverse="whole")
@@ -73,7 +73,7 @@ class Method(Protocol):
     """A way to compute drives.
 
     family, knob, value : position in the plots.
-    command : the commands that give a user the same.
+    command : the commands with which a user gets the same result.
     made : key of the prepared data; methods with the same key share it.
     """
 

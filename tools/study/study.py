@@ -86,7 +86,7 @@ def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Itera
     asked: list[Asked] = []
     settings = options.size, options.colour, anywhere(options.pictures), graphics()
     sources = [RoomSource(place.absolute(), *settings) for place in options.places]
-    # Here one room after another, so that each is opened once; with workers all at a time.
+    # Without workers, rooms follow each other, so that each is opened once; with workers, all at the same time.
     for some in [sources] if workers else [[source] for source in sources]:
         for found in study_rooms(some, options.patience_s, workers or Here()):
             figures.append(found)

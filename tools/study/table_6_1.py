@@ -23,9 +23,9 @@ FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (52, 52)  # 4.3.3 solves about 2304 eq
 
 @dataclass(frozen=True)
 class ThesisRow:
-    """A row of Table 6.1, in its words.
+    """A row of Table 6.1, in the thesis' words.
 
-    scene : the shipped scene that represents it.
+    scene : the shipped scene that represents the scene of the row.
     """
 
     scene: str
@@ -81,9 +81,9 @@ class Spent:
     """Cost and quality of a method.
 
     computed_s : processor seconds.
-    pictures : shown by an acquisition.
+    pictures : number of pictures that an acquisition shows.
     frame_ms : time per frame in the player; processor time without a GPU.
-    below_db : PSNR below the box optimum.
+    below_db : decibels of PSNR below the box optimum.
     """
 
     computed_s: float
@@ -101,9 +101,9 @@ class Spent:
 class OurRow:
     """This program's figures for a scene, in processor time; None, or a reason, where a method does not suit the room.
 
-    acquired, by_hierarchy : by a simulated camera, multiplexed and with the thesis' scheme.
+    acquired, by_hierarchy : T acquired by a simulated camera, by the multiplexed and by the thesis' scheme.
     nnls_s : time for one picture, with the whole T.
-    direct : triangulated.
+    direct : triangulated direct mapping.
     thesis : T⁺ as the thesis computes it, plain and cut.
     stepped : refined in every frame, from direct mapping.
     ours : refined in every frame, from T⁺ damped and cut.

@@ -5,8 +5,9 @@ two errors of a T that lacks the effect. The first error is the loss when the be
 with the effect. The second error is how far the PSNR that this T predicts for the drive is wrong.
 
 Both errors depend on how good a picture can get, and therefore on its smoothness from pixel to pixel. The small room
-therefore shows windows of pictures of the scene's own size. A small shadow costs quality only where it falls. No window
-there represents the whole picture. The change in the worst window therefore counts, against the error of all windows.
+therefore shows windows of pictures of the scene's own size. A small shadow costs quality only where it falls, and a
+window with the shadow does not represent the whole picture. The change in the worst window is therefore compared with
+the error of all windows.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -36,7 +37,7 @@ MOST_BENT = 0.25  # largest slope of a lens that does not fold: three pixels in 
 GAP, MOST_STEPS = 3e-3, 300  # relative gap of the box optimum, 0.013 dB; limit of steps for a T that lacks an effect
 # no picture exists without direct light; T does not contain the others
 UNJUDGED = ("direct", "flicker", "capture_noise")
-FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers per pixel: no time to save
+FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # few numbers per pixel: too fast to leave out
 SPENT = 0.5  # share of a tolerance that the small room may lose
 
 

@@ -25,7 +25,7 @@ from counterlight import memory
 from counterlight.errors import InputError, one_line, shown
 from counterlight.files.reading import Source, opened
 
-HEADER_BYTES = 512  # numpy writes 128
+HEADER_BYTES = 512  # largest accepted header; numpy writes 128 bytes
 MOST_MEMBERS, MOST_DIMENSIONS = 64, 3
 MAX_BYTES = 16 << 30
 COPIES = 2  # an array as stored, and as converted to another type

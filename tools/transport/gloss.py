@@ -2,7 +2,8 @@
 
 Paint reflects the light of all projectors alike, so the ratio of two projectors' floodlights is independent of paint
 and changes slowly over a surface. A glossy highlight of one projector is a bump on this ratio (thesis 4.3.2; Park et
-al. 2006). A viewer at another place does not see the highlight; light that was omitted because of it is missing there.
+al. 2006). A viewer at another place does not see the highlight. Light that was omitted because of the highlight is
+missing there.
 """
 
 import numpy as np

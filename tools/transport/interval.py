@@ -4,8 +4,8 @@
 w² = q² m(x) (a₀ + a₁ ĉ).
 
 a is noise in the dark, and errors that grow with the light; least squares fit it to captures that were held back. m is
-how much larger the squared error is in a cell of the camera picture. q is the quantile of |c − ĉ| / s, with w = q s,
-that the held-back captures require (Lei et al. 2018). For q, the m of a capture leaves this capture out.
+the squared error in a cell of the camera picture, relative to the usual one. q is the quantile of |c − ĉ| / s, with
+w = q s, that the held-back captures require (Lei et al. 2018). For q, the m of a capture leaves this capture out.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ from counterlight.tools.transport.arrays import ArrayError, StoredArray, opened_
 Pictures = NDArray[np.floating]
 NOMINAL = 0.9  # share of pixels inside
 CELL = 8  # camera pixels per side of a cell of m
-USUAL = 4.0  # captures of the usual error that a cell's errors are averaged with
-ROUNDS = 4  # of weights of the fit of a
+USUAL = 4.0  # captures with the usual error that are averaged with a cell's captures
+ROUNDS = 4  # rounds of weights in the fit of a
 MOST_SAMPLES = 200_000  # pixels for the fit of a
-LEAST = 1e-4  # least m, and share of the brightest prediction that s is at least in the dark
+LEAST = 1e-4  # least m; least s in the dark, as a share of the brightest prediction
 
 
 @dataclass(frozen=True)

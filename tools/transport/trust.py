@@ -21,14 +21,14 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.screen import Screen
 from counterlight.tools.transport.transport import Csr, Transport, channel, luminance, luminance_matrix
 
-LEAST_TRUST = 0.01  # for pixels outside the mask
-CUT_TRUST = 0.1  # 0.05: a corner falls below direct mapping over lit pixels; 1: twice the light outside its view
+LEAST_TRUST = 0.01  # trust in pixels outside the mask
+CUT_TRUST = 0.1  # 0.05: scene corner is worse than direct mapping on lit pixels; 1: twice the light outside its view
 CLEAR = 0.01  # share of the bright pixels' light; darker light may be noise
 BRIGHT_PERCENTILE = 99
 CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # relative to the largest share of one line in a whole footprint
 UNTOUCHED = 0.05  # share of a row's light at the border, below which its footprint is certainly whole
 NEARBY = 9  # camera pixels per side, over which whole footprints are averaged
-FEW = 0.1  # share of those pixels
+FEW = 0.1  # least share of those pixels
 LARGEST_PERCENTILE = 99.0  # percentile of areas; folds of a screen that is continued far have any area
 LEAST = 1e-3  # smallest weight; pixels that other cameras see better are kept
 
@@ -87,9 +87,9 @@ def trust(T: Transport, counts: NDArray[np.bool_], projector: tuple[int, int]) -
     """Return w, (camera pixels,): the weight of each camera pixel; 0 without near or blurred light.
 
     w is 1 inside the mask. If the raster's border cuts the footprint of a clearly lit pixel, w falls from 0.46 to
-    CUT_TRUST for `cut_by_edges` from 1.1 to 1.3. Narrow footprints, nearly all in one line, disturb no others. Other
-    pixels outside the mask have LEAST_TRUST: they are satisfied where no trusted pixel objects. They could not be
-    measured, or a user's mask excludes them.
+    CUT_TRUST for `cut_by_edges` from 1.1 to 1.3. Narrow footprints, nearly all in one line, do not disturb other
+    pixels. Other pixels outside the mask have LEAST_TRUST: they decide only where no trusted pixel does. Such pixels
+    could not be measured, or a user's mask excludes them.
 
     counts : (camera height, camera width). The mask.
     projector : (height, width).

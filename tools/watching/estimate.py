@@ -1,8 +1,8 @@
 """Find the changes of the room from the last seconds. A change must predict other captures better to be applied.
 
 Two of three captures are fitted, and every third is held back. A candidate θ replaces the applied θ only if it predicts
-the held-back captures better. Components whose return to the applied value does not harm are returned. Directions of θ
-that the captures do not determine keep their values (eigenvalues of the information matrix).
+the held-back captures better. Components return to the applied value if the prediction does not get worse.
+Directions of θ that the captures do not determine keep their values (eigenvalues of the information matrix).
 """
 
 from collections import deque
@@ -20,16 +20,16 @@ WINDOWS_S = 20.0, 10.0, 5.0, 2.5  # captures that are fitted; a shorter window i
 HOLD_BACK = 3
 FASTEST = 0.1  # expected speed of a steady drift, pixels per second
 FEWEST = 2  # fitted captures of a window
-UNSURE_PX, UNSURE_LIGHT, UNSURE_CAMERA = 0.1, 0.03, 0.1  # largest deviations of what may change
+UNSURE_PX, UNSURE_LIGHT, UNSURE_CAMERA = 0.1, 0.03, 0.1  # largest standard deviations of components that may be changed
 UNSURE_AMBIENT, UNSURE_EVEN = 0.004, 0.02  # error of the field of ambient light, and of its mean
 STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.02, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
 WORTH = 2.0  # least improvement of the held-back captures, in units of ½ χ²
 NEW = 0.03  # change of the picture, RMS of drive, from which on a capture counts fully
-OLD = 0.1  # share that a capture of the same picture counts
+OLD = 0.1  # weight of a capture of the same picture, relative to a full weight
 COARSE = 1.5  # rounding errors that a whole picture may have in common
-DIM = 0.05  # brightness of a film, share of white, in which noise does not blur code values
-CAMERA_MOVED = 0.1  # camera pixels
+DIM = 0.05  # share of white; in a darker film, noise does not blur code values
+CAMERA_MOVED = 0.1  # camera pixels; a camera with a smaller shift has not moved
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Estimate:
         return Found(kept, unsure, known, better, *self._camera(evidence, held))
 
     def _drifting(self, records: list[Record]) -> list[Record]:
-        """Return the captures as if they were taken now, by the steady drift of all pictures that fits best.
+        """Return the captures as if taken now, corrected by the steady drift of all pictures that fits best.
 
         The cost of θ + τ v for a capture of age −τ is quadratic in θ and v; eliminating θ leaves v.
         """
@@ -154,7 +154,7 @@ class Estimate:
         return [self.layout.geometry(number) for number in range(self.layout.projectors)]
 
     def _simplest(self, theta: FloatArray, held: Evidence, still: FloatArray) -> FloatArray:
-        """Return θ with all components at their applied value whose change is small or does not improve."""
+        """Return θ, in which components keep their applied value if their change is small or improves nothing."""
         kept = theta.copy()
         kept[self.layout.camera] = 0
         for places, least in self._groups(still):
@@ -201,7 +201,7 @@ class Estimate:
 
 
 def _units(layout: Layout) -> FloatArray:
-    """Return, (n, n), the largest deviations of what may change: even ambient light may be less sure than its shape."""
+    """Return the largest allowed deviations of components, (n, n); the mean of ambient light is allowed more."""
     units = np.full(layout.size, UNSURE_PX)
     units[layout.all_gains], units[layout.camera] = UNSURE_LIGHT, UNSURE_CAMERA
     found, even = np.diag(units), np.full((layout.field, layout.field), 1 / layout.field)

@@ -31,9 +31,9 @@ LEAST_SCALE = 0.1  # smallest scale of residuals, in σ
 HUBER, ROUNDS = 1.5, 4  # robust deviations from which on a residual counts less; rounds of a weighted fit
 SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter of its weight
 OUTLIER = 4.0  # residual of a block that belongs to a foreign object
-REGION = 6  # blocks of a region that is rejected with its surroundings
+REGION = 6  # least blocks of a region that is rejected together with its surroundings
 MOST_OUTLIERS = 0.5  # share of foreign blocks; above it, a capture says nothing
-FLAT = 0.02  # deviation of a picture that tells nothing about its place, share of the floodlight
+FLAT = 0.02  # share of the floodlight; a picture with a smaller deviation tells nothing about its place
 FAR = 0.1  # share of white; larger residuals count as equal in a search
 
 
@@ -85,7 +85,7 @@ class Layout:
 class Evidence:
     """½ θᵀ H θ − bᵀ θ + c, with H (n, n) and b (n,), from one or more captures.
 
-    weight : blocks that count, in sum.
+    weight : sum of the blocks' weights.
     """
 
     H: FloatArray
@@ -330,7 +330,7 @@ def _fitted(
     x: FloatArray,
     weight: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
-    """Minimise a robust sum over channels k of |residual_k − Z_k x|, from x on. `valid` blocks count."""
+    """Minimise a robust sum over channels k of |residual_k − Z_k x|, starting from x. `valid` blocks count."""
     for _ in range(ROUNDS):
         left = residual - np.stack([z @ x for z in Z], axis=1)
         weights = valid[:, None] * weight(left / (_scale(left[valid]) if valid.any() else 1.0))

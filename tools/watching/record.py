@@ -1,7 +1,7 @@
 """Records captures and decisions of the watcher (`--watch-record`) in a folder of limited size.
 
-Names begin with the local time and the state. `…-capture.png` is the capture, `…-shown.png` the reduced projector
-pictures during its exposure, and `…-blocks.png` the measured next to the predicted blocks, relative to white.
+Names begin with the local time and the state. `…-capture.png` is the capture. `…-shown.png` has the reduced
+projector pictures during the exposure. `…-blocks.png` has the measured next to the predicted blocks, relative to white.
 `states.jsonl` has a line of JSON for every change of the state, and every EVERY_S.
 """
 
@@ -22,7 +22,7 @@ from counterlight.tools.watching.watcher import Sight
 from counterlight.unattended.json_lines import encode
 from counterlight.unattended.watch_link import Answer
 
-EVERY_S, PAUSE_S = 60.0, 10.0  # between pictures without a change of the state, and with one
+EVERY_S, PAUSE_S = 60.0, 10.0  # seconds between pictures: without a change of the state, and with one
 MOST_BYTES = 256 << 20  # limit for all pictures
 MOST_LINES = 4 << 20  # bytes of each of two files
 STATES, OLDER = "states.jsonl", "states-older.jsonl"

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.unattended.watch_link import Light, Picture
 
-KEPT_S = 120.0  # light that is remembered
-PICTURES_S = 3.0  # pictures that are remembered
+KEPT_S = 120.0  # seconds for which light is kept
+PICTURES_S = 3.0  # seconds for which pictures are kept
 MOST_LATENCY_S = 0.4
 STEPS_S = 0.004  # step of the search for the latency
 CAPTURES = 150  # most captures of the search
@@ -23,7 +23,7 @@ FEWEST = 8
 EXPLAINED = 0.3  # share of the changes that the best latency must explain
 INDEPENDENT = 8  # independent numbers of a capture, of all its regions and channels
 CLEAR, SURE = 30.0, 9.0  # log likelihood ratios (χ²) of a latency further away, and of the deviation of the best
-AWAY = 3.0  # refreshes
+AWAY = 3.0  # refreshes of the display; latencies further from the best must be clearly worse
 SAME = 2e-3  # change of the light, RMS of drive; less is no change
 
 
@@ -58,7 +58,7 @@ class Latency:
 
 
 class Timeline:
-    """The displayed frames and the captures of the last time.
+    """The frames that were displayed recently, and the recent captures.
 
     coarse : (3, regions, cells), from `RoomView.coarse`.
     exposure_s : E; None if it is unknown.
@@ -207,7 +207,7 @@ class _Integral:
 
 
 def _weighted(drives: list[NDArray[np.float32]], shown: list[float], first_s: float, last_s: float) -> FloatArray:
-    """Return the mean of pictures that stand from their time to the next one's, between two times."""
+    """Return the mean of pictures between two times; each picture stands until the time of the next one."""
     last_s = max(last_s, first_s + 1e-6)
     edges = np.clip([*shown, np.inf], first_s, last_s)
     edges[0] = first_s

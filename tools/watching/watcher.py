@@ -1,6 +1,7 @@
 """The watcher: takes frames and captures, and says which correction the player should apply, and why.
 
-It knows no clock and no device: times come with frames and captures, so that a recorded evening gives the same answers.
+The watcher has no clock and no device. Times come with frames and captures, so that the same frames and captures always
+give the same answers.
 """
 
 from collections import Counter, deque
@@ -22,19 +23,19 @@ from counterlight.tools.watching.timeline import Exposed, Timeline
 from counterlight.tools.watching.view import RoomView, regional, rms
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation, farthest_px
 
-LATENCY_EVERY_S = 2.0, 8.0  # while the latency is unknown, and once it is known
+LATENCY_EVERY_S = 2.0, 8.0  # seconds between estimates of the latency: while it is unknown, and once it is known
 FIND_EVERY_S = 0.5
 OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
-SAME_S = 1.0  # the same between captures of one picture
+SAME_S = 1.0  # least time between compared captures of one picture
 RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture: usually, and while the latency is unknown
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
 CHANGED = 0.02  # RMS change of the light of a film that changes
 SILENT_S = 3.0  # without captures
 STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the prediction
-EXPOSURES = 12  # captures that tell an automatic exposure
+EXPOSURES = 12  # captures from which an automatic exposure is detected
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
-GAIN = 0.5, 1.15  # limits of the light
+GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
 ROUNDED = 0.3  # code values
 BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
@@ -163,7 +164,7 @@ class Watcher:
         )
 
     def sight(self) -> Sight | None:
-        """Return the last capture, next to what the present estimate expects of it."""
+        """Return the last capture, next to its prediction by the present estimate."""
         if self._seen is None:
             return None
         shot, measured, shown = self._seen
@@ -216,7 +217,7 @@ class Watcher:
         return True
 
     def _stands_still(self, measured: FloatArray) -> bool:
-        """Whether all cameras repeat their pictures, or one does although the film has changed where it looks."""
+        """Whether all cameras repeat their pictures, or one camera does although the film has changed in its view."""
         identical = 0
         for number, own in enumerate(self._view.cameras):
             seen, last = measured[own], self._last[number]
@@ -313,7 +314,7 @@ class Watcher:
         return "; ".join(said) or "back to the calibration"
 
     def _approach(self, theta: FloatArray, step_s: float) -> None:
-        """Move the applied θ towards θ, at the largest allowed speed."""
+        """Move the applied θ towards the estimated θ, at the largest allowed speed."""
         layout, change = self._comparison.layout, theta - self._applied
         px = float(np.abs(change[layout.all_geometry]).max())
         light = float(np.abs(change[np.concatenate([layout.all_gains, layout.ambient])]).max())

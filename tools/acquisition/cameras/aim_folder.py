@@ -17,7 +17,7 @@ NOTHING = 480, 640  # size of the placeholder until there is a photograph
 
 
 class AimedFolder:
-    """A screen that writes FOLDER/aim/pattern.png, and an eye that reads the newest picture next to it."""
+    """A screen that writes FOLDER/aim/pattern.png, and an eye that reads the newest photograph in FOLDER/aim."""
 
     timed, refresh_hz = False, None
 
@@ -53,7 +53,7 @@ class AimedFolder:
         if newest is not None:
             changed, path = newest
             if self._read != (path, changed):
-                with suppress(InputError):  # it is still being written
+                with suppress(InputError):  # the newest photograph may still be incomplete
                     self._shot, self._read = read_photograph(path), (path, changed)
         return self._shot
 

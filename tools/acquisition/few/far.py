@@ -135,7 +135,7 @@ class Far:
         fine, count = int(labels.max()) + 1, max(int(labels.max()) + 1, self.nodes.count)
         area = np.bincount(labels, minlength=fine)
         D = Csr((1 / area[labels], (labels, np.arange(labels.size))), shape=(count, labels.size))
-        of_fine = np.zeros((self.cells.count, count))  # share of a coarse cell that each fine cell is
+        of_fine = np.zeros((self.cells.count, count))  # share of its coarse cell that each fine cell covers
         np.add.at(of_fine, (self.cells.labels(), labels), 1.0)
         of_fine /= of_fine.sum(axis=1, keepdims=True)
         mix = np.zeros((3, count, count))

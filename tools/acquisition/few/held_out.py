@@ -15,7 +15,7 @@ from counterlight.tools.acquisition.few.places import Spots
 from counterlight.tools.acquisition.few.seen import Seen, Table
 from counterlight.tools.acquisition.linearity import Bend, bend_of_shares
 
-HELD = 8  # one of so many random pictures is held out
+HELD = 8  # one random picture in HELD is held out
 RAMPS_ALONE = "held out: nothing, since there is no random picture; the check is of the ramps, and blind to sharpness"
 
 

@@ -18,12 +18,12 @@ from counterlight.tools.acquisition.few.seen import Seen, Table, some
 from counterlight.tools.transport.transport import Shape
 
 LEAST_REACH, MOST_REACH = 3, 6  # projector pixels from a spot's middle to its window's edge
-REACH = 3.0  # standard deviations
+REACH = 3.0  # standard deviations of a spot from its middle to its window's edge
 SHAPE, FLOOR = 0.15, 0.002  # standard deviation of a window's pixel: relative to its share, and to all light
 PLACE, WIDTH = 0.1, 0.15  # standard deviations: of a Gaussian's place in projector pixels, of its width as a share
 OWN, AT_BORDER = 0.05, 0.5  # relative standard deviation of a pixel's far light from its surroundings; at the border
 MOST_FAR = 0.95  # share of a pixel's light
-BORDER = 1.5  # projector pixels
+BORDER = 1.5  # projector pixels; spots with a middle nearer to the raster's border count as cut
 STEP = 0.02  # step of finite differences
 FAINTEST = 4e-3  # share of a spot's brightest pixel; fainter pixels are dropped as noise
 
@@ -169,7 +169,7 @@ def _bent(
 
 
 def _elsewhere(far: Far, windows: Windows) -> Far:
-    """Light camera pixels without a place from everywhere, if there is far light at all."""
+    """Give camera pixels without a place only far light, if the room has any."""
     own = np.divide(1, far.around, out=np.zeros_like(far.around), where=far.around > 0)
     own[windows.pixel] = far.own[windows.pixel]
     return replace(far, own=own)

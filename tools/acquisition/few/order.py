@@ -4,8 +4,9 @@
 2. Red, green and blue, whose sum is the floodlight.
 3. Ramps of three directions in three colours. They give the projector's response and the rough place of each spot.
 4. Grey sines (phase shifts; Srinivasan et al. 1984). They give the exact place and the width of the spot.
-5. Random pictures, independent in red, green and blue. They say three times as much about the shapes of spots and about
-   far light as black-and-white pictures. An occasional white tests whether light adds up and whether anything moved.
+5. Random pictures, independent in red, green and blue. They tell three times as much about the shapes of spots and
+   about far light as black-and-white pictures. An occasional white tests whether light adds up and whether anything
+   moved.
 
 No picture depends on another picture's capture or on the number of pictures.
 """
@@ -25,7 +26,7 @@ BLACK, PRIMARIES, RAMPS, FIRST_SINE = 0, (1, 2, 3), 4, 5
 PERIOD, LONG_PERIOD = 8, 64  # projector pixels; shorter periods pull places towards the pixels' middles
 ONE_PERIOD = 256  # side in pixels up to which a ramp resolves periods of 8 pixels
 PHASES = 0.0, np.pi / 2
-WHITE_EVERY = 32  # pictures
+WHITE_EVERY = 32  # among random pictures, one white per so many pictures
 CELLS = 8  # cells along the longer side; a random picture is mostly lit or mostly dark in each cell
 MOSTLY = 0.85
 DARKEST = 40  # least code value of ramps; below it, places hardly change the light

@@ -19,9 +19,9 @@ LEAST_CONTRAST = 0.1  # contrast of a sine below which a camera pixel has no pla
 CLEAR = 4.0  # multiple of the noise
 LEAST_DIRECT = 0.3  # share of the neighbours' contrast; a pixel with less sees almost only far light
 STRETCHES = np.linspace(0, 0.6, 13)  # shares of far light to try; far light flattens ramps
-NARROWEST, WIDEST = 0.02, 0.9999  # contrasts
+NARROWEST, WIDEST = 0.02, 0.9999  # limits of the contrasts from which widths are computed
 MENDED = 2  # corrections of a phase for the spot's width and the response
-STEPS = 3  # Newton steps for rough places
+STEPS = 3  # steps of Newton's method for rough places
 REACH = 8  # projector pixels
 
 
@@ -103,7 +103,7 @@ class _Sine:
 
     @cached_property
     def whole(self) -> BoolArray:
-        """Whether camera pixels see the sine about as their neighbours do, and clear of noise."""
+        """Whether the sine's contrast is above the noise, and about as high as the neighbours', (camera pixels,)."""
         shape, phase = self._seen.camera, np.abs(self._phase(self._shares))
         own = ndimage.median_filter(phase.reshape(shape), PHASE_SPREAD).ravel()
         around = _neighbours(phase, self._weights, shape)
@@ -129,7 +129,7 @@ class _Sine:
 
 
 def width_of(contrast: FloatArray, period: int) -> FloatArray:
-    """Returns σ, in pixels, of the Gaussian that leaves a sine of `period` pixels this contrast."""
+    """Returns σ, in pixels, of the Gaussian blur that reduces a sine of `period` pixels to this contrast."""
     kept = np.clip(contrast, NARROWEST, WIDEST)
     return np.asarray(np.sqrt(-np.log(kept) / (2 * np.pi**2)) * period)
 
@@ -143,7 +143,7 @@ def along(place: FloatArray, width: FloatArray, reach: int) -> tuple[IntArray, F
 
 
 def _rough(seen: Seen, table: Table, sines: Sequence[_Sine], direct: BoolArray) -> FloatArray:
-    """Returns smoothed places by the ramps, (camera pixels, 2), for the share of far light that suits the sines."""
+    """Returns smoothed places by the ramps, (camera pixels, 2), for the share of far light that fits the sines best."""
     share, certain = _primary_shares(seen, RAMPS)
     mean = table[seen.codes[RAMPS], np.arange(3)].mean(axis=0)
     tried = [_by_ramps(seen, table, (share - far * mean) / (1 - far), certain, direct) for far in STRETCHES]
@@ -154,7 +154,7 @@ def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, 
     """Invert the ramps by least squares, step by step; their shares are right, down and (right + down) / 2."""
     codes = np.linspace(0, 1, len(table))
     slopes = np.gradient(table, codes, axis=0)
-    rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # derivatives by down, right
+    rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # derivatives along down, right
     place = np.full((len(share), 2), 0.5)
     for _ in range(STEPS):
         at = first + (1 - first) * place @ rows.T

@@ -14,7 +14,7 @@ from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise, Reference
 
 USUAL_ELECTRONS = 1e4  # electrons of the brightest light, assumed until a white picture gives the photon noise
 LEVELS = 16  # brightness levels at which noise is measured
-BRIGHT = 99.0  # percentile
+BRIGHT = 99.0  # percentile of the floodlight that counts as its brightest light
 LEAST_STEP = 1e-5  # share of the brightest light: 16 bits
 
 

@@ -17,7 +17,7 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.tools.acquisition.few.order import Order
 from counterlight.tools.acquisition.plan import Reference
 
-SUMMED = 12**0.5  # noise of a floodlight relative to one capture: three captures, each minus the same black
+SUMMED = 12**0.5  # noise of a floodlight over the noise of a capture: it sums three captures, each minus the same black
 CLEAR = 2.5  # multiple of that noise by which the floodlight must raise a channel of a camera pixel
 LEAST_SIGMA = 1e-4  # share of the floodlight; least error assumed of a capture
 NUMBERS_AT_ONCE = 1 << 24  # numbers in the equations processed at a time
@@ -124,6 +124,6 @@ class Seen:
 
 
 def some(pixels: IntArray, numbers: int) -> Iterator[slice]:
-    """Yield slices of pixels whose equations, of `numbers` numbers per pixel, fit into memory."""
+    """Yield slices of pixels whose equations fit into memory; each pixel needs `numbers` numbers."""
     at_once = max(NUMBERS_AT_ONCE // max(numbers, 1), 16)
     yield from (slice(start, start + at_once) for start in range(0, len(pixels), at_once))

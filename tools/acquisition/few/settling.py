@@ -13,7 +13,7 @@ from counterlight.tools.acquisition.few.seen import Seen, Table, some
 
 BESIDE = PERIOD * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]])
 SPREAD = 0.7  # σ in camera pixels over which misfits are averaged
-CLEARLY = 0.5  # a place is moved if the misfit falls below this share
+CLEARLY = 0.5  # a place is moved if the misfit falls below this share of its present value
 
 
 def settled(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> Spots:

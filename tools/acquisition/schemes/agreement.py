@@ -104,7 +104,7 @@ def _share_what_is_missing(parents: BlockLight, reading: Reading) -> None:
 
 
 def parts_of(count: int, some: int = SOME) -> Iterator[slice]:
-    """Returns slices of the entries (one empty slice for none), because arrays of all would not fit into memory."""
+    """Returns slices of the entries (one empty slice for none), because arrays of all would exceed the memory."""
     return (slice(first, min(first + some, count)) for first in range(0, max(count, 1), some))
 
 

@@ -22,7 +22,7 @@ Indices: TypeAlias = NDArray[np.int32] | IntArray
 
 NO_CHILD = -1
 MOST_FAR_CELLS = 1500  # a dense matrix mixes the cells of FarLight
-LEAST_FAR_SIDE = 4  # projector pixels
+LEAST_FAR_SIDE = 4  # side of the smallest blocks of far light, projector pixels
 WIDE, WIDE_SPREAD = 1 << 18, 4  # projector pixels of a wide raster; side of its largest spread blocks
 MOST_READ = 1 << 13  # camera pixels that see one cell of far light; a texture's row holds twice as many
 
@@ -289,7 +289,7 @@ def _readable(far: FarLight) -> FarLight:
     of = np.repeat(np.arange(U.columns), parts)  # the old cell of each new cell
     place = np.concatenate([[0], np.cumsum(parts)])[U.indices] + rank // MOST_READ
     mix = np.zeros((3, cells, cells))
-    first = np.flatnonzero(np.diff(of, prepend=-1))  # gathering is not split: the first new cell takes it all
+    first = np.flatnonzero(np.diff(of, prepend=-1))  # only scattering is split: the first new cell gathers all light
     mix[:, :, first] = far.mix.matrices[:, of]
     D = far.gather
     lengths = np.zeros(cells, np.int64)

@@ -1,7 +1,7 @@
 """Codes for multiplexed light: S-matrices (Schechner, Nayar and Belhumeur 2003, A theory of multiplexed illumination).
 
-n pictures each light half of n sources, and a linear system separates the sources. If the camera's noise does not grow
-with the light, this has 4/n of the variance of lighting each source alone.
+Each of n pictures lights half of n sources, and a linear system separates the sources. If the camera's noise does not
+grow with the light, the result has 4/n of the variance of lighting each source alone.
 """
 
 import numpy as np
@@ -21,7 +21,8 @@ def code_length(sources: int) -> int:
 def s_matrix(n: int) -> NDArray[np.bool_]:
     """Returns the S-matrix (n, n) for n = `code_length(…)`; row i selects the (n + 1)/2 sources that picture i lights.
 
-    It is cyclic: source j is lit in picture i if i + j is 0 or a quadratic residue modulo n (Harwit and Sloane 1979).
+    The matrix is cyclic: source j is lit in picture i if i + j is 0 or a quadratic residue modulo n (Harwit and Sloane
+    1979).
     """
     residue = np.zeros(n, np.bool_)
     residue[np.arange(n, dtype=np.int64) ** 2 % n] = True

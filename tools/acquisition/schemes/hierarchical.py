@@ -221,7 +221,7 @@ class HierarchicalScheme:
     def _even(self, flood: FloatArray, parents: BlockLight, found: "_Found") -> BoolArray:
         """Whether a parent is faint and its quarters show no significant difference, as for smooth far light.
 
-        Most of what a camera pixel sees is such light.
+        Most parents of a camera pixel give only such light.
 
         flood : (camera pixels, 3). T·1.
         """

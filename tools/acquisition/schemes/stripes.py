@@ -1,8 +1,8 @@
 """Gray-coded stripes: locate each camera pixel in the projector picture with log₂ many pictures.
 
 Unlike counterlight import-graycode, the captures are compared with half of the floodlight instead of an inverse
-picture. This halves the pictures, and loses nothing where a pixel's light comes from one place. Half of the far light
-reaches a pixel in every picture of narrow stripes, so half of the floodlight stays the right threshold.
+picture. This halves the number of pictures, and loses nothing where a pixel's light comes from one place. Half of the
+far light reaches a pixel in every picture of narrow stripes, so half of the floodlight stays the right threshold.
 """
 
 from collections.abc import Sequence

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FINENESS = 2.0  # texels per width of a projector pixel
 MOST_TEXELS = 2048  # texels per axis
 SUMMED_AT_ONCE = 1 << 22
-FAINT = 0.02  # fraction of a texel's largest entry; smaller ones are dropped, the rest keeps the texel's light
+FAINT = 0.02  # fraction of a texel's largest entry; smaller entries are dropped, the rest is scaled
 NOTHING = 1e-30  # replaces 0, which scipy's products would drop from the pattern of one channel
 Places = Samples | Deposits
 
@@ -76,7 +76,7 @@ class Texels:
         return layer + rows * self.across + columns, weights
 
     def near(self, places: Places) -> tuple[IntArray, FloatArray]:
-        """Returns one of those texels per place, drawn by weight: the mean over a pixel's samples is the same light."""
+        """Returns one texel of `around` per place, drawn by weight; the mean over a pixel's samples stays the same."""
         texel, weight = self.around(places)
         drawn = np.sum(np.cumsum(weight, axis=0)[:-1] < even_pairs(places.u.size)[:, 0], axis=0)
         return texel[drawn, np.arange(drawn.size)][None], np.ones((1, drawn.size))

@@ -27,7 +27,7 @@ from counterlight.tools.simulation.surfaces import Surface
 if TYPE_CHECKING:
     from counterlight.tools.simulation.effects_on import EffectsOn
 
-MIRROR = 0.01  # roughness
+MIRROR = 0.01  # roughness below which a coat is a plain mirror
 FACETS = 16  # directions per projector ray that a rough coat reflects
 EVEN = 1 / 21  # mean of (1 − c)⁵ over uniform light from all sides
 

@@ -23,7 +23,7 @@ from counterlight.tools.simulation.scene import Scene
 POINTS = 4  # points per sample and channel
 STEEPEST = 0.25  # cosine; steeper points weigh no more than points at this slope
 FARTHEST = 1 - 1e-4  # share of the profile that is sampled
-CLEARANCE = 1e-3  # metres
+CLEARANCE = 1e-3  # metres by which a probe starts higher than the point's distance
 
 
 def spread(scene: Scene, samples: Samples) -> list[Samples]:

@@ -8,7 +8,7 @@ from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Questio
 from counterlight.tools.study.questions.place import Place, blocks_of, made_coarser
 
 FACTORS = {1: "whole", 2: "half", 4: "a quarter"}
-SMALLEST = 8  # pixels per side
+SMALLEST = 8  # pixels per side of the smallest device that is tried
 
 
 def sizes(place: Place) -> Question:

@@ -6,7 +6,7 @@ from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Questio
 from counterlight.tools.study.questions.place import Place
 
 TIERS = {"independent": 0, "global": 9, "pixel": 9}  # numbers in the mixing, per room or per camera pixel
-TRUE_TIER = "pixel"  # the closest tier to nine matrices
+TRUE_TIER = "pixel"  # the most accurate tier, by which drives of all tiers are judged
 
 
 def colours(place: Place) -> Question | None:

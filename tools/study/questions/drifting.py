@@ -1,4 +1,4 @@
-"""Question: what does it cost if the projector's picture moves after calibration, and what does readiness cost?"""
+"""Question: what does a shift of the picture after calibration cost, and what does tolerance of shifts cost?"""
 
 import numpy as np
 from scipy import ndimage
@@ -11,7 +11,7 @@ from counterlight.tools.study.questions.place import Place
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions
 
 SHIFTS = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)  # projector pixels
-AIMS = (0.0, DEFAULT_AIMS.drift, 0.5)  # --drift
+AIMS = (0.0, DEFAULT_AIMS.drift, 0.5)  # values of --drift
 
 
 def drift(place: Place) -> Question:

@@ -1,4 +1,4 @@
-"""Question: how many steps does a film need, where frames continue from the frame before, compared with stills?"""
+"""Question: how many steps does a film need, whose frames start from the frame before, compared with stills?"""
 
 from collections.abc import Sequence
 from dataclasses import replace
