@@ -16,10 +16,10 @@ from scipy import sparse
 from counterlight import calibration
 from counterlight.calibration import Calibration, Device, writing
 from counterlight.errors import InputError
+from counterlight.files.picture_files import write_png
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.pipeline.operators import compensation
-from counterlight.files.picture_files import write_png
 from counterlight.response import parse_response
 from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
