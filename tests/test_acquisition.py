@@ -242,7 +242,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     kinds = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim for path in shown]
     assert [number for number, kind in enumerate(kinds) if kind == 3] == [*range(FIRST, TAKEN), len(shown) - 1]
     names = [path.name for path in (tmp_path / "direct").iterdir() if path.name != "calibration.toml"]
-    assert len(names) == 3 + 1 + 3 + 2  # T of three channels and far, primaries, ambient light, mask
+    assert len(names) == 3 + 1 + 3 + 3  # T of three channels and far, primaries, ambient light, mask, interval
     assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])
     one, other = (calibration.read(tmp_path / name).calibration for name in ("direct", "asked"))
     assert one.projector == other.projector  # including the response
@@ -443,7 +443,7 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     write_png(
         picture, np.rint(255 * typical_pictures(room.camera.shape)[0][..., None].repeat(3, axis=2)).astype(np.uint8)
     )
-    printed = here("verify", tmp_path / "acquired", picture, "--camera", f"simulated:{scene}")
+    printed = here("verify", tmp_path / "acquired", picture, "--camera", f"simulated:{scene}", "--repeats", "1")
     inside = re.search(r"(\S+) % of the captured values are inside the 90 % interval", printed)
     assert inside
     assert float(inside[1]) == pytest.approx(90, abs=5)

@@ -176,14 +176,15 @@ def _lit(
 def _interval(parts: Sequence[_Part], found: SharedRoom) -> Interval | None:
     """Fit a prediction interval to the two random pictures that no scheme has seen.
 
-    Returns None for several projectors or cameras, and for mixed channels, whose light T alone does not predict.
+    The interval is for light in the screen's primaries. Returns None for several projectors or cameras.
     """
     room, done = found.calibration, parts[0].done
     checks = [check.lights for check in (done.check, done.coloured) if check and check.lights is not None]
-    is_plain = len(parts) == 1 and len(room.cameras) == 1
-    if len(checks) < 2 or not is_plain or tier_of(room, found.transport).mixing.neutral is not None:
+    if len(checks) < 2 or len(parts) > 1 or len(room.cameras) > 1:
         return None
-    predicted, captured = np.swapaxes(np.stack(checks), 0, 1).reshape(2, -1, *room.ambient.shape) + done.room.black
+    mixing = tier_of(room, found.transport).mixing
+    pairs = [[mixing.on_screen(each.reshape(room.ambient.shape) + done.room.black) for each in pair] for pair in checks]
+    predicted, captured = np.swapaxes(np.array(pairs, np.float64), 0, 1)
     return fit_interval(predicted, captured, room.mask)
 
 

@@ -112,8 +112,7 @@ class Wanted:
         self.T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(stored.calibration, transport, colour if maps is None else maps.mixing.tier)
         self.objective = objective_of(self.tier.transport, stored.calibration, aims, self.tier.mixing)
-        # an interval is for the camera's channels, which differ from screen primaries where channels are mixed
-        self.interval = read_interval(stored) if self.tier.mixing.neutral is None else None
+        self.interval = read_interval(stored)
 
 
 class Verification:
