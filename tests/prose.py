@@ -41,12 +41,13 @@ def texts_of(path: Path) -> Iterator[Text]:
 
 
 def _comments(path: Path, source: str) -> Iterator[Text]:
-    """Yield comments; comments on consecutive lines are joined."""
+    """Yield comments; comments that stand alone on consecutive lines are joined."""
     block: list[tokenize.TokenInfo] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type != tokenize.COMMENT or token.string.startswith(("# noqa", "# type:", "# fmt:")):
             continue
-        if block and (token.start[0] != block[-1].start[0] + 1 or token.start[1] != block[-1].start[1]):
+        follows_code = token.line[: token.start[1]].strip() != ""
+        if block and (follows_code or token.start[0] != block[-1].start[0] + 1 or token.start[1] != block[-1].start[1]):
             yield _joined(path, block)
             block = []
         block.append(token)
