@@ -11,10 +11,12 @@ import shutil
 import signal
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn, TextIO, TypeVar
 
 from counterlight.errors import InputError, nearest, printable
@@ -26,6 +28,7 @@ BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, 
 ROOM_BESIDE_LABEL = 82  # columns that a progress bar needs besides its label
 CLEARED = b"\r\x1b[K"  # returns to the beginning of the line and clears it
 LAST_WORDS_S = 1.0  # longest wait for the reader of a command's last line
+AGAIN_S = 0.01  # until a signal that came at a bad time is sent again
 JOINED = "\xa0"  # a space at which no line breaks
 NEXT = "; next: "
 WIDEST = 100  # columns of a help text; longer lines are hard to read
@@ -209,9 +212,11 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
     """Run a command's body. Returns the exit code: 0 done, 2 bad input, 130 interrupted. Other exceptions pass."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as for stderr; file names may be invalid text
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up on `kill` as on Ctrl-C
+    signal.signal(signal.SIGTERM, _interrupt)  # clean up on `kill` as on Ctrl-C
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
-        signal.signal(signal.SIGHUP, signal.default_int_handler)  # clean up when the terminal closes
+        signal.signal(signal.SIGHUP, _interrupt)  # clean up when the terminal closes
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
     try:
         code = body(argv) or DONE
         sys.stdout.flush()
@@ -234,6 +239,16 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
     except KeyboardInterrupt:
         tell("interrupted: nothing half-written remains", patience_s=LAST_WORDS_S)
         return INTERRUPTED
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt. During a callback of GLFW, which would lose it, send the signal again a little later."""
+    while frame is not None:
+        if frame.f_code.co_name == "callback_wrapper" and frame.f_globals.get("__name__") == "glfw":
+            threading.Timer(AGAIN_S, os.kill, (os.getpid(), number)).start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def _say_no_more() -> None:
