@@ -6,6 +6,7 @@ report the projector's longest black after each kind of event, and the machine's
 
 import os
 import signal
+import time
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -36,6 +37,7 @@ from tests.programs import PATIENCE_S, children, descendants, is_running, on, ru
 from tests.remote import Client
 
 EVENTS = 12
+NOTICED_S = 2.0  # of closed hours, so that the supervisor sees them after its player has ended, and forgets crashes
 DARK, BRIGHT = LEVELS
 
 
@@ -137,6 +139,7 @@ class _Events:
     def hours(self) -> None:
         change(self._folder / "hours.toml", closed_hours())
         self._evening.sees("black")
+        time.sleep(NOTICED_S)
         change(self._folder / "hours.toml", ALWAYS)
         self._crashes = 0
 
