@@ -225,10 +225,11 @@ class RasterResponse:
         none = WhiteSegment(((0.0, 0.0, 0.0),) * 2)
         return np.stack([(response.segment or none).tables() for response, _ in self._distinct])
 
+    @cached_property
     def processing_tables(self) -> NDArray[np.float32] | None:
-        """Return `Response.processing_table` of each distinct projector, (projectors, CELLS, CELLS, CELLS, 3).
+        """`Response.processing_table` of each distinct projector, (projectors, CELLS, CELLS, CELLS, 3).
 
-        Returns None if no projector processes colours.
+        None if no projector processes colours.
         """
         if all(response.processing is None for response, _ in self._distinct):
             return None

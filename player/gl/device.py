@@ -132,7 +132,7 @@ class _Encoder:
             if segments is not None:
                 defines["SEGMENT"] = None
                 self._inputs["segments"] = own(picture_texture(context, segments.reshape(-1, *segments.shape[2:])))
-            tables = response.processing_tables()
+            tables = response.processing_tables
             if tables is not None:
                 defines["PROCESSED"] = CELLS
                 rows = tables.reshape(-1, CELLS, 3)  # one row of texels for each projector, red and green

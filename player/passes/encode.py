@@ -30,7 +30,7 @@ class Encode:
         self._colours = np.zeros((1, 3, 3), np.float32) if response.matrices is None else response.matrices
         none, segments = np.zeros((0, 2, 3, 1), np.float32), response.segment_tables()
         self._segments = none if segments is None else np.ascontiguousarray(segments.swapaxes(2, 3))
-        tables = response.processing_tables()
+        tables = response.processing_tables
         self._processing = np.zeros((0, CELLS, CELLS, CELLS, 3), np.float32) if tables is None else tables
         self._scale, self._dither = np.float32(scale), DITHERS.index(dither)
 

@@ -72,7 +72,7 @@ class ReferenceDevice(Held):
         return Adapter(near_light, ambient.astype(np.float64), most, white)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Any:
-        white = {"segments": response.segment_tables(), "processing": response.processing_tables()}
+        white = {"segments": response.segment_tables(), "processing": response.processing_tables}
         encode = partial(encoding.encode, colours=response.matrices, **white)
         tables, whose = response.inverse_tables(), (response.of_column, response.row_height)
         return Function(lambda light, frame: encode(light, tables, scale, dither, frame, *whose))
