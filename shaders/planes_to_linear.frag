@@ -5,7 +5,7 @@
 //   light over the code value 0..1 (width samples, height 1).
 // Defines: LAYOUT_YUV, LAYOUT_RGB or LAYOUT_RADIANCE.
 //   LUT maps codes through `lut`, a table by red, green and blue whose first sample is at the code `lut_low`.
-//   RENDITION converts HDR or wide primaries to the screen (player/pipeline/rendition.py); `gain` is a table over the
+//   RENDITION converts HDR or wide primaries to the screen (player/pipeline/signal.py); `gain` is a table over the
 //   fourth root of light in shares of `top`.
 // Output: linear RGB, 0..1 (radiance unchanged), one texel per displayed pixel.
 // Pass: player/passes/planes_to_linear.py.

@@ -14,8 +14,7 @@ from counterlight.media.frames import Frame, PixelFormat, PlaneShape
 from counterlight.media.video import MediaReader
 from counterlight.passes.colour import LUMINANCE, to_screen
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.rendition import eetf
-from counterlight.pipeline.signal import signal_of
+from counterlight.pipeline.signal import eetf, signal_of
 from tests.ffmpeg_frames import Planes
 from tests.media import next_frame, write_video
 from tests.oracles.formulas import planes_to_linear, within_gamut

@@ -13,7 +13,7 @@ import pytest
 
 from counterlight.media.video import MediaReader
 from counterlight.show.rendering import Stretch
-from counterlight.show.segments import Film, divide, look_through, within_shots
+from counterlight.show.segmented import Film, divide, look_through, within_shots
 from tests.media import write_video
 from tests.programs import command, descendants, fail, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room

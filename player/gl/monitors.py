@@ -15,7 +15,7 @@ import glfw
 
 from counterlight.command import tell
 from counterlight.errors import InputError
-from counterlight.gl import lost_screen, x11
+from counterlight.gl import x11
 from counterlight.gl.x11 import Box
 
 WITHOUT_SCREEN = "use --output FILE to render without one, or start one with: xvfb-run -a COMMAND"
@@ -64,7 +64,7 @@ def start_glfw() -> None:
             raise InputError(f"no screen: {_plain(error)}; {WITHOUT_SCREEN}") from None
     if not started:
         raise InputError(f"no screen: GLFW does not start and gives no reason; {WITHOUT_SCREEN}")
-    lost_screen.watch()
+    x11.end_in_words()
 
 
 @cache

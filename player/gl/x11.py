@@ -1,14 +1,18 @@
-"""Xlib calls that GLFW lacks, for windows that no window manager may touch (Xlib manual, chapters 3, 4).
+"""Xlib calls that GLFW lacks: windows that no window manager may touch (Xlib manual, chapters 3, 4), and a lost server.
 
-GLFW has loaded the same library, so its display and its windows are valid here.
+GLFW has loaded the same library, so its display and its windows are valid here. Xlib ends a process whose server is
+lost. The handler here ends it first, with one line.
 """
 
 import ctypes
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
+
+from counterlight.command import BAD_INPUT, tell
 
 Display: TypeAlias = Any  # Display*, as glfw.get_x11_display() returns it
 
@@ -17,6 +21,7 @@ _SIBLING, _STACK_MODE, _ABOVE, _BELOW = 1 << 5, 1 << 6, 0, 1  # masks and values
 _VIEWABLE, _POINTER_ROOT, _NOW, _REPLACE, _ANY_TYPE = 2, 1, 0, 0, 0
 _CARDINAL, _SCREEN_SAVER_RESET, _MOST = 6, 0, 64
 _Window, _Atom = ctypes.c_ulong, ctypes.c_ulong
+_farewells: list[Callable[[], object]] = []
 
 
 class _SetAttributes(ctypes.Structure):
@@ -236,3 +241,32 @@ def forget(display: Display, window: int, name: str) -> None:
     """Delete a property."""
     with _tolerating(display) as xlib:
         xlib.XDeleteProperty(display, window, xlib.XInternAtom(display, name.encode(), False))
+
+
+@contextmanager
+def farewell(act: Callable[[], object]) -> Iterator[None]:
+    """Register an action to run before the process ends because its screen is lost; it must not need the screen."""
+    _farewells.append(act)
+    try:
+        yield
+    finally:
+        _farewells.remove(act)
+
+
+def end_in_words() -> None:
+    """Report the loss of the X server in one line; does nothing without Xlib."""
+    with suppress(OSError):
+        ctypes.CDLL("libX11.so.6").XSetIOErrorHandler(_on_loss)
+
+
+def _lost(_display: int) -> int:
+    """Handle the loss. Must not return (XSetIOErrorHandler(3)); an exception would be lost on its way through Xlib."""
+    for act in reversed(_farewells):
+        with suppress(Exception):
+            act()
+    tell("error: the screen has gone, the X server ended; start again when it is back", patience_s=1.0)
+    os._exit(BAD_INPUT)
+
+
+# a reference must exist as long as the process, because Xlib keeps the pointer
+_on_loss = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(_lost)

@@ -23,7 +23,7 @@ AS_IT_IS = np.array([0, 1], np.float32)  # identity transfer table
 
 @dataclass(frozen=True, eq=False)
 class Rendition:
-    """The conversion of a picture's light after its transfer curve (pipeline/rendition.py).
+    """The conversion of a picture's light after its transfer curve (pipeline/signal.py).
 
     ootf : γ − 1 of HLG; 0 for none.
     top : light of the medium's peak; brighter light is treated as equal to it.

@@ -54,7 +54,7 @@ class Adjustments:
 
     adapt : see player/pipeline/content.py.
     flicker : weight of the previous frame's drive.
-    target_peak, hdr_peak, tone_mapping : see player/pipeline/rendition.py.
+    target_peak, hdr_peak, tone_mapping : see player/pipeline/signal.py.
     viewpoint : see counterlight.viewpoints.
     card : one of counterlight.pipeline.test_cards.CARDS, shown without compensation; None shows the picture.
     corners : corners of the picture in the camera's view; None fits the picture in.

@@ -52,13 +52,13 @@ def play_in_window(
     heartbeat : receives the facts of the show.
     farewell : called if the screen is lost, which ends the process.
     """
-    from counterlight.gl import lost_screen
+    from counterlight.gl import x11
     from counterlight.gl.monitors import refresh_s
     from counterlight.gl.renderer import WindowRenderer
 
     with ExitStack() as stack:
         window = stack.enter_context(_display(options, room))
-        stack.enter_context(lost_screen.farewell(farewell))
+        stack.enter_context(x11.farewell(farewell))
         session = _session(options, room, adjustments, window, stack, commanded=bool(remotes))
         del room  # a reference here would keep the room in memory after a reload
 
@@ -108,7 +108,7 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
     if chosen == "cpu":
         with _without_blas():
             compile_passes()
-        from counterlight.gl.computed import ComputedRenderer
+        from counterlight.gl.renderer import ComputedRenderer
 
         return partial(ComputedRenderer, window.context)
     from counterlight.gl.renderer import GlRenderer

@@ -1,20 +1,22 @@
-"""The properties of a session that can be read and set. docs/player.md lists them."""
+"""Properties of a session that can be read and set. Refinement comes last. docs/player.md lists them."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 from counterlight.pipeline.adjustments import KINDS
+from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.value_types import FLAG, Anything, Number
 from counterlight.show.look import look_properties
 from counterlight.show.playback import Playback
-from counterlight.show.refining import refining
 from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
 from counterlight.show.stats import DRAWING, STAGES
 from counterlight.unattended.pjlink import Lamps
 
 TIME = Number(0, 1e9)
+UNREFINABLE = "no refinement: the maps were built without it; counterlight build adds it"
 
 
 def properties_of(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
@@ -223,3 +225,68 @@ def _corners(value: Any) -> Any:
     except (TypeError, ValueError):
         raise CommandError(f"corners: expected four pairs of numbers or null, found {value!r}") from None
     return a, b, c, d
+
+
+def refining(session: Session) -> dict[str, Property]:
+    """Return the properties of a session's refinement."""
+    governor, appraisal = session.governor, session.appraisal
+
+    def wants(what: Any) -> None:
+        if what not in (0, "no") and not session.room.refinable:
+            raise CommandError(UNREFINABLE)
+        session.changed()
+
+    def refine(steps: Any) -> None:
+        wants(steps)
+        governor.set_refine(steps)
+
+    def budget(milliseconds: Any) -> None:
+        wants(milliseconds)
+        governor.set_budget(milliseconds)
+
+    def within(decibels: Any) -> None:
+        wants(decibels)
+        governor.set_within(decibels)
+
+    def certified(value: Callable[[Certificate], float]) -> float | None:
+        certificate = session.certificate()
+        return None if certificate is None else value(certificate)
+
+    def below_optimum() -> float | None:
+        found = appraisal.ask()
+        return None if found is None else found.decibels
+
+    def doubling() -> dict[str, float | None] | None:
+        found = appraisal.ask()
+        return (
+            None
+            if found is None
+            else {"steps": found.further, "db": found.doubling, "ms": governor.took_ms(found.further)}
+        )
+
+    psnr = session.room.psnr
+    return {
+        "refine": named("refine", lambda: governor.refine, refine),
+        "budget": named("budget", lambda: governor.budget, budget),
+        "within": named("within", lambda: governor.within, within),
+        "steps": Property("number of refinement steps of the picture on the screen", lambda: session.steps_made),
+        "step-ms": Property("milliseconds per refinement step; null if unknown", lambda: governor.took_ms(1)),
+        "below-optimum": Property(
+            "estimated distance to the best picture in dB; null while unknown", below_optimum, costly=True
+        ),
+        "doubling": Property(
+            "object with the gain in dB and the cost in ms of twice as many steps; null while unknown",
+            doubling,
+            costly=True,
+        ),
+        "gap": Property(
+            "relative gap to the best picture; null if unknown",
+            lambda: certified(attrgetter("relative")),
+            costly=True,
+        ),
+        "psnr": Property(
+            "PSNR of the predicted camera picture against the target, in dB; null if unknown",
+            lambda: certified(psnr),
+            costly=True,
+        ),
+    }
