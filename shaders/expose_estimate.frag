@@ -5,7 +5,7 @@
 // Defines: EXPONENTIAL: the quotient is ln E.
 // Output: E where the weight is above 0 and E is at least `slack` times the bound. Elsewhere minus the bound, which is
 //   0 where only black was seen. An E below the bound would contradict an exposure that clips.
-// CPU function: CpuSums.estimate in tools/hdr/sums.py.
+// CPU function: CpuSums.estimate in tools/hdr/estimators.py.
 // Pass: player/gl/exposure_sums.py.
 uniform sampler2D sums;
 uniform sampler2D weights;

@@ -9,7 +9,7 @@
 //   CHANNELS; TOP, the lowest code that counts as clipped; CURVE_IN_UNIFORMS, `curve` instead of `table`: a fifth less
 //   time on llvmpipe.
 // Output: Σ α p + β q, Σ γ q and the greatest lower bound of four samples.
-// CPU function: CpuSums in tools/hdr/sums.py.
+// CPU function: CpuSums in tools/hdr/estimators.py.
 // Pass: player/gl/exposure_sums.py.
 uniform usampler2D codes;
 #ifdef CURVE_IN_UNIFORMS

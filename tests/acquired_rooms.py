@@ -11,9 +11,8 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
-from counterlight.tools.acquisition.store import Wanted, open_store
+from counterlight.tools.acquisition.store import MemoryStore, Wanted, open_store
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport, channels, far_light_of
 from tests.rooms import blurred_transport

@@ -41,8 +41,7 @@ from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore
 from counterlight.tools.acquisition.summary import Coverage
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import make_estimator
-from counterlight.tools.hdr.sums import CpuSums
+from counterlight.tools.hdr.estimators import CpuSums, make_estimator
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.transport.storage import read_transport, write_transport

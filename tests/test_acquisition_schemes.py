@@ -33,13 +33,11 @@ from counterlight.tools.acquisition.schemes.blocks import (
     grids,
     sum_by_camera,
 )
-from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
-from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
+from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme, locate, stripes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.known import KnownLight, Quarter
-from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme, code_length, s_inverse, s_matrix
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
-from counterlight.tools.acquisition.schemes.stripes import locate, stripes
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.acquired_rooms import (

@@ -9,7 +9,7 @@ import pytest
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor
 from counterlight.tools.acquisition.aiming import brightest, framing, sharpness, shown
-from counterlight.tools.acquisition.cameras.aim_folder import AimedFolder
+from counterlight.tools.acquisition.cameras.folder import AimedFolder
 from counterlight.tools.acquisition.preview import preview_monitor
 
 MARK = (255, 0, 160)

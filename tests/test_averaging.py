@@ -18,12 +18,11 @@ from counterlight.tools.acquisition.averaging import MOST_REPEATS, Aim, Averagin
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedCamera, SimulatedEye
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.pace import CHECKS_S, Pace, computing_s, duration
 from counterlight.tools.acquisition.plan import Expected, Level, MakeScheme, Noise, Picture, Reference
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from counterlight.tools.acquisition.store import Wanted, open_store
+from counterlight.tools.acquisition.store import MemoryStore, Wanted, open_store
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import NOISY, PROJECTOR, error, mirror, room_of, run, sharp_wall, with_far_light

@@ -16,9 +16,9 @@ from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures
 from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_of, curve_pictures
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.linearity import SHOTS
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import REPEATS, codes_of
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.store import MemoryStore
 from tests.rig.files import Stored
 from tests.rig.product import photograph_new
 from tests.rig.rig import Devices, Rig

@@ -11,13 +11,11 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.hdr import debevec, robertson
 from counterlight.tools.hdr.bracket import open_bracket
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import make_estimator, weight_table
+from counterlight.tools.hdr.estimators import CpuSums, make_estimator, weight_table
 from counterlight.tools.hdr.radiance import MergeOptions, merge
-from counterlight.tools.hdr.recovery import recover_response
-from counterlight.tools.hdr.sums import CpuSums
+from counterlight.tools.hdr.recovery import debevec_log_response, recover_response, robertson_response
 from tests.brackets import CURVES, codes_of, random_scene
 from tests.studies.recovery import recovered, samples_of
 
@@ -206,7 +204,7 @@ def test_debevecs_system_is_the_papers(rng: np.random.Generator) -> None:
     codes = (samples_of(rng, CURVES["srgb"], times, 60, 0.02)[..., 0] * 255).round().astype(int)
     weights = weight_table("hat", 256)
     theirs, _ = colour_hdri.g_solve(codes.T, np.log(times), 30, lambda z: 1 - np.abs(2 * z - 1), 256)
-    ours = debevec.recover_log_response(codes / 255, np.log(times), weights, 30)
+    ours = debevec_log_response(codes / 255, np.log(times), weights, 30)
     inside = slice(1, 255)
     np.testing.assert_allclose(ours[inside], theirs[inside], atol=1e-6)  # normal equations square the condition, 1e5
 
@@ -218,9 +216,7 @@ def test_opencv_recovers_the_same_response_by_robertson(rng: np.random.Generator
     codes = [codes_of(light, t, CURVES["film"]).repeat(3, axis=2) for t in times]
     theirs = cv2.createCalibrateRobertson(30, 1e-9).process(codes, np.array(times, np.float32))[:, 0, 0]
     stack = np.stack(codes)[..., 0].reshape(len(times), -1) / 255
-    ours, _ = robertson.recover_response(
-        stack, np.array(times), weight_table("gaussian", 256), max_rounds=30, settled=0
-    )
+    ours, _ = robertson_response(stack, np.array(times), weight_table("gaussian", 256), max_rounds=30, settled=0)
     inside = slice(16, 240)
     np.testing.assert_allclose((ours / ours[128])[inside], (theirs / theirs[128])[inside], rtol=1e-3)
 
@@ -282,7 +278,7 @@ def test_the_response_of_a_real_camera(real_bracket: tuple[Path, list[np.ndarray
         theirs = reference["crf_rgb"]
     for channel in range(3):
         g = np.load(folder / f"upstream_test_g_solve_g_{channel}.npy")
-        ours = debevec.recover_log_response(samples[..., channel].T / 255, np.log(times), weights, 30)
+        ours = debevec_log_response(samples[..., channel].T / 255, np.log(times), weights, 30)
         np.testing.assert_allclose(ours[weights > 0], g[weights > 0], atol=1e-6)
         ratio = curves[10:250, channel] / theirs[10:250, channel]
         assert np.std(np.log(ratio)) < 0.1  # three exposures three stops apart, other pixels, other smoothness

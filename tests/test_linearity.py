@@ -9,8 +9,8 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.linearity import bend_of, halves_of
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import REPEATS, Noise, Reference
+from counterlight.tools.acquisition.store import MemoryStore
 from tests.rig.files import Stored
 from tests.rig.rig import Devices, Rig
 from tests.rig.sensor import Sensor

@@ -20,10 +20,9 @@ from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.few.acquire import acquire_pictures, check_asked
-from counterlight.tools.acquisition.few.order import BLACK, PRIMARIES, RAMPS, Order
-from counterlight.tools.acquisition.few.turns import Turns
-from counterlight.tools.acquisition.memory import MemoryStore
+from counterlight.tools.acquisition.few.order import BLACK, PRIMARIES, RAMPS, Order, Turns
 from counterlight.tools.acquisition.plan import Picture
+from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import LINEAR, NOISY, QUIET, error, shown_by, with_far_light

@@ -23,9 +23,8 @@ from counterlight.tools.clusters.components import NonFiniteError
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.box import MOST_STEPS, TOLERANCE
 from counterlight.tools.solve.channel import Channel
-from counterlight.tools.solve.clusterwise import Blockwise, Clusterwise
+from counterlight.tools.solve.clusterwise import Blockwise, Clusterwise, LeastSquares
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
-from counterlight.tools.solve.krylov import LeastSquares
 from counterlight.tools.solve.quality import measure
 from counterlight.tools.solve.registry import SOLVERS, prepare
 from counterlight.tools.solve.svd import svd

@@ -12,7 +12,7 @@ from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.pipeline.drift import read_drift
 from counterlight.tools import verify_projection
-from counterlight.tools.acquisition.changed_exposures import changed_exposures
+from counterlight.tools.acquisition.room_check import changed_exposures
 from tests.camera_rooms import write_pairs
 from tests.drifted_rooms import write_changed
 from tests.programs import here

@@ -8,9 +8,9 @@ from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.averaging import Aim
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import Noise, Picture, Reference
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.acquisition.wander import wander_of
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import NOISY, error, room_of, sharp_wall

@@ -20,7 +20,7 @@ SPARE_UNIFORMS = 256  # uniform components left for other uniforms than the curv
 
 
 class GlSums:
-    """Adds pictures of one shape in float32; the counterpart of counterlight.tools.hdr.sums.CpuSums.
+    """Adds pictures of one shape in float32; the counterpart of counterlight.tools.hdr.estimators.CpuSums.
 
     table : (levels, channels, 2). p and q of each code value (counterlight.tools.hdr.estimators); 256 or 65536 levels.
     shape : (height, width, channels).

@@ -17,8 +17,15 @@ from counterlight.gl.exposure_sums import GlSums
 from counterlight.response import Response
 from counterlight.tools.choices import MERGES
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import SLACK, USUAL_WEIGHTING, Estimator, make_estimator, weight_table
-from counterlight.tools.hdr.sums import CpuSums, ExposureSums
+from counterlight.tools.hdr.estimators import (
+    SLACK,
+    USUAL_WEIGHTING,
+    CpuSums,
+    Estimator,
+    ExposureSums,
+    make_estimator,
+    weight_table,
+)
 from tests.brackets import codes_of
 
 SHAPE, EXPOSURES = (1024, 1280, 3), 13

@@ -10,8 +10,7 @@ from counterlight.gl.exposure_sums import BATCH, TEXELS, GlSums
 from counterlight.response import Response
 from counterlight.tools.choices import MERGES
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import SLACK, Estimator, make_estimator, weight_table
-from counterlight.tools.hdr.sums import CpuSums, ExposureSums
+from counterlight.tools.hdr.estimators import SLACK, CpuSums, Estimator, ExposureSums, make_estimator, weight_table
 
 RTOL = 1e-5  # ln E as a float32 sum of up to 17 terms of size 10, then its exponential: 2e-6 measured
 

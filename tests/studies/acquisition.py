@@ -27,11 +27,11 @@ from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.devices import Sensor

@@ -15,10 +15,10 @@ from threadpoolctl import threadpool_limits
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.averaging import Aim
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme, Picture, codes_of
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.transport.transport import Transport
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS, Room

@@ -29,12 +29,12 @@ from counterlight.errors import InputError
 from counterlight.raster import Shape, side_by_side
 from counterlight.response import Response
 from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, random_pixels
+from counterlight.tools.acquisition.camera_shift import refuse_moved
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
 from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_of, curve_pictures
 from counterlight.tools.acquisition.linearity import SHOTS, Bend, bends_of, refuse_bends, shown_halves
-from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.pace import Clock
 from counterlight.tools.acquisition.plan import (
     REPEATS,

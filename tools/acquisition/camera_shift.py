@@ -1,7 +1,8 @@
-"""Measure how far a camera has moved from two pictures of the floodlit room: texture moves only with the camera.
+"""Detect a moved camera, projector or scene from two pictures of the floodlit room, and measure how far a camera moved.
 
-A projector that has moved lights the same paint, so the floodlit room inside the raster does not change. Both pictures
-are divided by their surroundings. d in after(x) = before(x + d) is found as in registration.py.
+Texture moves only with the camera. A projector that has moved lights the same paint, so the floodlit room inside the
+raster does not change. Both pictures are divided by their surroundings. d in after(x) = before(x + d) is found as in
+registration.py.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
+from counterlight.errors import InputError
 from counterlight.pipeline.drift import sampled
+from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.acquisition.registration import best_shift, cauchy_weights, correlated, robust_scale
 
 SURROUNDINGS = 4.0  # σ in camera pixels; smoother structure may come from light instead of paint
@@ -19,6 +22,7 @@ STEPS, STILL = 15, 1e-4
 LEAST_SCALE = 1e-9
 FARTHEST = 8  # whole-pixel shifts are searched up to 1/FARTHEST of a side
 FAINT = 1e-3  # share of the brightest light
+MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # relative change of the floodlit room, and of its brightness alone
 
 
 @dataclass(frozen=True)
@@ -95,3 +99,25 @@ def _cost(residual: FloatArray) -> float:
     """Returns the mean square without the largest tenth, so that a moved object does not count as a moved camera."""
     squares: NDArray[np.float64] = np.sort(residual**2)
     return float(squares[: max(len(squares) * 9 // 10, 1)].mean())
+
+
+def refuse_moved(before: FloatArray, after: FloatArray, noise: Noise, captures: float, advice: str) -> None:
+    """Raises InputError if the floodlit room changes by more than noise explains, or changes its brightness.
+
+    before, after : (pixels, 3). Light above black.
+    captures : Σ 1/n over the two pictures, each the mean of n captures.
+    advice : what to do; follows a semicolon in the message.
+    """
+    gain = float(np.sum(before * after) / np.sum(before * before))
+    change = float(np.sqrt(np.sum((after - gain * before) ** 2) / np.sum(before**2)))
+    by_noise = float(np.sqrt(captures * np.sum(noise.sigma(before) ** 2) / np.sum(before**2)))
+    if change > MOST_MOVED + 2 * by_noise:
+        raise InputError(
+            f"the floodlit room now differs by {100 * change:.1f} % from what it was at first (noise alone: "
+            f"{100 * by_noise:.1f} %): camera, projector or scene moved; {advice}"
+        )
+    if abs(gain - 1) > MOST_DIMMED:
+        raise InputError(
+            f"the floodlit room is now {100 * gain:.0f} % as bright as at first: lamp or exposure changed; let "
+            f"the lamp warm up, lock the exposure; {advice}"
+        )

@@ -19,8 +19,8 @@ from counterlight.overlay.osd import Legend, Page
 from counterlight.pipeline.test_cards import card
 from counterlight.raster import side_by_side
 from counterlight.tools.acquisition.aiming import Framing, brightest, framing, sharpness, shown
-from counterlight.tools.acquisition.cameras.aim_folder import AimedFolder
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.cameras.folder import AimedFolder
 from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera, Screen
 from counterlight.tools.acquisition.cameras.window import WindowScreen
 from counterlight.tools.acquisition.rig import open_rig

@@ -301,3 +301,39 @@ def _read(path: Path) -> dict[str, Any] | None:
 def _write(path: Path, record: dict[str, Any]) -> None:
     with replacing_file(path) as temporary:
         write_toml(temporary, record)
+
+
+class MemoryStore:
+    """The part of CaptureStore that `acquire` needs, without files."""
+
+    halves = coloured = True
+
+    def __init__(self, exposures: Exposures, *, averaged: bool = False) -> None:
+        self._exposures, self._kept, self.averaged = exposures, dict[int, Sequence[Shot]](), averaged
+
+    def repeats(self, level: int, choose: Callable[[], int]) -> int:
+        return choose()
+
+    def has_curve(self, choose: Callable[[], bool]) -> bool:
+        return choose()
+
+    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
+        return choose()
+
+    def develop(self, response: Response) -> None:
+        self._exposures = replace(self._exposures, response=response)
+
+    def has(self, number: int) -> bool:
+        return number in self._kept
+
+    def save(self, number: int, shots: Sequence[Shot]) -> None:
+        self._kept[number] = shots
+
+    def shots(self, number: int) -> Sequence[Shot]:
+        return self._kept[number]
+
+    def size(self, number: int) -> int:
+        return 0
+
+    def radiance(self, number: int) -> NDArray[np.float32]:
+        return self._exposures.radiance(self._kept[number])

@@ -11,8 +11,15 @@ from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.choices import MERGES
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import USUAL_WEIGHTING, WEIGHTINGS, Estimator, make_estimator, weight_table
-from counterlight.tools.hdr.sums import ExposureSums, summing
+from counterlight.tools.hdr.estimators import (
+    USUAL_WEIGHTING,
+    WEIGHTINGS,
+    Estimator,
+    ExposureSums,
+    make_estimator,
+    summing,
+    weight_table,
+)
 
 LEAST_MEASURED = 1e-3  # share of all values; with less, the exposures are far too long or too short
 Shot = tuple[NDArray[Any], float]

@@ -1,4 +1,7 @@
-"""Solves every cluster separately (thesis 4.2.1): dense, batched by shape, on all cores; larger ones by LSMR."""
+"""Solves every cluster separately (thesis 4.2.1): dense, batched by shape, on all cores.
+
+LSMR (Fong 2011) solves larger clusters without factorisation.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -6,13 +9,14 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import lsmr
+from threadpoolctl import threadpool_limits
 
 from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks
 from counterlight.tools.clusters.components import CAUSES, NonFiniteError, describe_cluster
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.solve.channel import Channel
-from counterlight.tools.solve.krylov import LeastSquares
 from counterlight.tools.solve.solution import ChannelSolver
 
 Blockwise: TypeAlias = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
@@ -20,6 +24,24 @@ Factorise: TypeAlias = Callable[[FloatArray], Blockwise]
 LARGEST_BLOCK = 1 << 22  # camera times projector pixels of a cluster solved densely; its SVD takes about 20 s
 BATCH_VALUES = 1 << 20
 MOST_KEPT = 1 << 26  # values of all blocks up to which factors are kept (512 MiB); beyond, each picture recomputes them
+TOLERANCE = 1e-8
+MOST_STEPS = 1000
+STOPPED_AT_LIMIT = 7
+
+
+class LeastSquares:
+    """min ‖T p − b‖, of minimum norm because it starts from 0; its note states steps and residual."""
+
+    def __init__(self, T: Channel) -> None:
+        self._operator = T.operator
+
+    def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        with threadpool_limits(limits=1):  # products of vectors are too small for several threads
+            p, reason, steps, residual, gradient, *_ = lsmr(
+                self._operator, b, atol=TOLERANCE, btol=TOLERANCE, conlim=0, maxiter=MOST_STEPS
+            )
+        short = " (its limit: ill-conditioned)" if reason == STOPPED_AT_LIMIT else ""
+        return np.asarray(p), (f"LSMR, {steps} steps{short}, ‖Tᵀr‖ {gradient:.1e}, ‖r‖ {residual:.1e}",)
 
 
 class Clusterwise:

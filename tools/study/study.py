@@ -6,16 +6,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from counterlight.errors import InputError
 from counterlight.jobs.workers import Here, Workers
-from counterlight.tools.study import page, summary
+from counterlight.tools.study import page
 from counterlight.tools.study.frames import graphics, in_software
 from counterlight.tools.study.jobs import RoomSource, study_rooms, thesis_rows
 from counterlight.tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures
 from counterlight.tools.study.pictures import anywhere
 from counterlight.tools.study.questions.asked import Asked, answered
-from counterlight.tools.study.recommend import wishes
-from counterlight.tools.study.results import everywhere, write_csv, write_json
+from counterlight.tools.study.recommend import Wish, wishes
+from counterlight.tools.study.results import Mean, Row, everywhere, write_csv, write_json
 from counterlight.tools.study.table_6_1 import OurRow, table_row, to_markdown
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder
@@ -23,6 +25,10 @@ from counterlight.writing.replacing import replacing_folder
 CSV, JSON, PAGE, SUMMARY, TABLE = "results.csv", "results.json", "report.html", "summary.md", "table_6_1.md"
 SOFTWARE_NOTE = "OpenGL runs on the processor here: milliseconds are of processor time, all cores together."
 HARDWARE_NOTE = "Milliseconds are wall-clock medians."
+HEADER = (
+    "| method | dB below the best | worst room | RMSE, % of white | SSIM | CIEDE2000 | clipped, % | ms a picture "
+    "| MiB of maps | preparation, s |\n|---|---|---|---|---|---|---|---|---|---|\n"
+)
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,7 @@ def write_study(
 ) -> list[str]:
     """Write all files of a report into an existing folder; returns the advice, one line per wish."""
     from counterlight.tools.study.plots import draw_all
-    from counterlight.tools.study.questions.panels import draw
+    from counterlight.tools.study.questions.page import draw
 
     rows = [row for found in figures for row in found.rows]
     skipped = [entry for found in figures for entry in found.skipped]
@@ -128,7 +134,7 @@ def write_study(
     write_json(stage / JSON, facts, rows, skipped)
     files = draw_all(stage, rows, "processor time" if software else "wall clock") | _draw_pictures(stage, figures)
     files |= {f"asked {each.room}": draw(stage / f"asked_{each.room}.png", each) for each in asked}
-    (stage / SUMMARY).write_text(summary.to_markdown(rows, averages, advice), encoding="utf-8")
+    (stage / SUMMARY).write_text(mean_tables(rows, averages, advice), encoding="utf-8")
     (stage / TABLE).write_text(to_markdown(table), encoding="utf-8")
     document = page.study_page(facts, rows, averages, skipped, files, advice, table, asked)
     (stage / PAGE).write_text(document, encoding="utf-8")
@@ -149,3 +155,28 @@ def _draw_pictures(stage: Path, figures: Sequence[RoomFigures]) -> dict[str, str
         if chosen is not None:
             files[name] = draw(stage / f"{name.replace(' ', '_').replace('.', '_')}.png", chosen)
     return files
+
+
+def mean_tables(rows: Sequence[Row], averages: Sequence[Mean], advice: Sequence[Wish]) -> str:
+    """Returns a line per method that was used in every room, and a line per wish.
+
+    averages : means of those methods.
+    """
+    methods = "".join(_line(point, [row for row in rows if row.label == point.label]) for point in averages)
+    wishes = "".join(
+        f"| {wish.words} | `{wish.method.command if wish.method else 'none'}` | {wish.why} |\n" for wish in advice
+    )
+    return f"{HEADER}{methods}\n| you want | options | here |\n|---|---|---|\n{wishes}"
+
+
+def _line(point: Mean, rows: Sequence[Row]) -> str:
+    rmse, ssim, clipped = (np.mean([getattr(row, name) for row in rows]) for name in ("rmse", "ssim", "clipped"))
+    costs = " | ".join(_short(value) for value in (point.picture_ms, point.map_mib, point.preparation_s))
+    return (
+        f"| {point.label}{'' if point.played else ' (solver)'} | {point.below_optimum_db:.2f} | {point.worst_db:.2f} "
+        f"| {100 * rmse:.2f} | {ssim:.3f} | {point.ciede2000:.2f} | {100 * clipped:.1f} | {costs} |\n"
+    )
+
+
+def _short(value: float | None) -> str:
+    return "–" if not value else f"{value:.2g}" if value < 100 else f"{value:.0f}"

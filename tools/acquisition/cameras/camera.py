@@ -18,8 +18,7 @@ from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.plan import Picture
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import Estimator, make_estimator
-from counterlight.tools.hdr.sums import CpuSums
+from counterlight.tools.hdr.estimators import CpuSums, Estimator, make_estimator
 
 Shot: TypeAlias = NDArray[Any]  # (height, width) or (height, width, 3), uint8 or uint16, as the camera gave it
 LINEAR = Response("linear")

@@ -3,12 +3,15 @@
 FOLDER/patterns/00012.png    picture to show: 8-bit, the projector's size; RGB unless it is black and white
 FOLDER/captures/00012.png    its capture (or .jpg, .dng …); with a bracket 00012_0.png, 00012_1.png …
 FOLDER/acquisition.toml      the acquisition or check that owns the files, so that captures are never mixed up
+
+To aim such a camera, FOLDER/aim holds the picture to show and the newest photograph.
 """
 
 import math
 import re
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +23,7 @@ from counterlight.files.picture_files import encode_png
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
-from counterlight.tools.acquisition.plan import Picture
+from counterlight.tools.acquisition.plan import Codes, Picture
 from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse_curve
 from counterlight.tools.hdr.raw_files import is_raw, read_exposure
 from counterlight.writing.replacing import filling_folder, replacing_file
@@ -33,6 +36,8 @@ MOST = 1 << 40
 THIRD_STOP = 0.4  # tolerance in stops: files hold nominal times, up to a third of a stop off
 ANY_CASE = frozenset((*SUFFIXES, *(suffix.upper() for suffix in SUFFIXES)))
 _NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
+PATTERN = "pattern.png"
+NOTHING = 480, 640  # size of the placeholder until there is a photograph
 
 
 class Waiting(InputError):  # noqa: N818 - no fault: a run that goes on later
@@ -222,3 +227,49 @@ def _waiting(folder: Path, absent: Sequence[str]) -> str:
         f"{folder}: waiting for {len(absent)} captures, {names}; show the patterns of the same numbers, put their "
         "captures (PNG, JPEG or RAW) there and run the same command again (or give --wait SECONDS)"
     )
+
+
+class AimedFolder:
+    """A screen that writes FOLDER/aim/pattern.png, and an eye that reads the newest photograph in FOLDER/aim."""
+
+    timed, refresh_hz = False, None
+
+    def __init__(self, folder: Path, shape: tuple[int, int]) -> None:
+        self._folder, self.shape = folder / "aim", shape
+        self._read: tuple[Path, int] | None = None
+        self._shot: Shot = np.zeros(NOTHING, np.uint8)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self._folder}: cannot be made ({error.strerror}); check path and rights") from None
+
+    @property
+    def name(self) -> str:
+        return f"{self._read[0].name}" if self._read else f"waiting for a photograph in {self._folder}"
+
+    def show(self, codes: Codes) -> None:
+        with replacing_file(self._folder / PATTERN) as temporary:
+            temporary.write_bytes(encode_png(codes))
+
+    def begin(self, number: int) -> None:
+        """Does nothing: frames do not depend on a capture's number."""
+
+    def expose(self, time: float) -> None:
+        raise InputError("folder: the exposure is set at the camera")
+
+    def skip(self) -> None:
+        """Does nothing: a folder has no frames to skip."""
+
+    def frame(self) -> Shot:
+        """Returns the newest photograph, or the previous photograph while the newest is incomplete."""
+        newest = max(self._photographs(), default=None)
+        if newest is not None:
+            changed, path = newest
+            if self._read != (path, changed):
+                with suppress(InputError):  # the newest photograph may still be incomplete
+                    self._shot, self._read = read_photograph(path), (path, changed)
+        return self._shot
+
+    def _photographs(self) -> list[tuple[int, Path]]:
+        paths = [p for p in self._folder.iterdir() if p.suffix.lower() in SUFFIXES and p.name != PATTERN]
+        return [(path.stat().st_mtime_ns, path) for path in paths if not path.name.startswith(".")]

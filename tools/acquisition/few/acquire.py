@@ -22,8 +22,7 @@ from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.folder import Waiting
 from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.curve import Curve, curve_of, curve_pictures
-from counterlight.tools.acquisition.few.order import BLACK, Order
-from counterlight.tools.acquisition.few.turns import Turns
+from counterlight.tools.acquisition.few.order import BLACK, Order, Turns
 from counterlight.tools.acquisition.few.views import Views, views_fitted
 from counterlight.tools.acquisition.linearity import refuse_bends
 from counterlight.tools.acquisition.plan import Measured

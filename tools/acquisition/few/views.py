@@ -15,6 +15,7 @@ from counterlight.raster import Shape, Shapes
 from counterlight.response import Response
 from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import AGAIN, refuse_unusable, rises
+from counterlight.tools.acquisition.camera_shift import refuse_moved
 from counterlight.tools.acquisition.check import Check
 from counterlight.tools.acquisition.few.fitting import Fit, fitted
 from counterlight.tools.acquisition.few.held_out import RAMPS_ALONE, Held, bend_by, check_ramps, held_out
@@ -24,7 +25,6 @@ from counterlight.tools.acquisition.few.reference import noise_by_neighbours, re
 from counterlight.tools.acquisition.few.response import Curves, curves_of
 from counterlight.tools.acquisition.few.seen import SUMMED, Seen
 from counterlight.tools.acquisition.linearity import Bend
-from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import Noise, Reference
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight, crosstalk
 from counterlight.tools.joining.cameras import seen_below

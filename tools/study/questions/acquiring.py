@@ -15,11 +15,11 @@ from counterlight.errors import InputError
 from counterlight.tools.acquisition.acquire import acquire
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.study.questions.answers import CLOSE_DB, NEAR_DB, Answer, Question, cheapest, decibels
