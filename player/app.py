@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from counterlight.calibration import check_order, read_projectors
-from counterlight.command import command_line, conclusion, run, tell
+from counterlight.command import command_line, conclusion, tell, verb
 from counterlight.errors import InputError
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.room import Room
@@ -27,11 +27,8 @@ from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> int | None:
+@verb
+def main(argv: Sequence[str] | None) -> int | None:
     options = read_options(argv, __doc__ or "")
     if options.supervise:
         if options.output is not None:

@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn, TextIO, TypeVar
@@ -239,6 +240,11 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
     except KeyboardInterrupt:
         tell("interrupted: nothing half-written remains", patience_s=LAST_WORDS_S)
         return INTERRUPTED
+
+
+def verb(body: Callable[[Sequence[str] | None], int | None]) -> partial[int]:
+    """Make the `main` of a command from its body, with `run`."""
+    return partial(run, body)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -18,6 +18,6 @@ def parser_of(verb: str) -> Parser:
         for name in ("parse_known_args", "parse_known_intermixed_args"):
             patch.setattr(Parser, name, lambda parser, *_: (_ for _ in ()).throw(Parsed(parser)))
         with pytest.raises(Parsed) as caught:
-            import_module(f"counterlight.{VERBS[verb].module}")._main([])
+            import_module(f"counterlight.{VERBS[verb].module}").main.args[0]([])
     parser: Parser = caught.value.args[0]
     return parser

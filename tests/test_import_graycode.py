@@ -46,7 +46,7 @@ def test_the_command_makes_a_calibration(captures: Path, tmp_path: Path) -> None
         "-o",
         str(folder),
     ]
-    command = [sys.executable, "-m", "counterlight.tools.import_graycode", *arguments]
+    command = [sys.executable, "-m", "counterlight", "import-graycode", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert re.search(r"opencv order, camera taken as srgb: \d+ of 127x95 camera pixels valid", ended.stdout)

@@ -54,7 +54,7 @@ def test_the_command_keeps_every_entry(
     ambient = rng.uniform(0, 0.01, (*CAMERA, 3)).astype(np.float32)
     exr.write_rgb(tmp_path / "ambient.exr", ambient)
     more = ("--ambient", str(tmp_path / "ambient.exr"), "--response", "srgb", "--name", "cellar")
-    command = [sys.executable, "-m", "counterlight.tools.import_transport", *arguments(tmp_path, *more)]
+    command = [sys.executable, "-m", "counterlight", "import-transport", *arguments(tmp_path, *more)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     counts = ", ".join(f"{name} {matrix.nnz}" for name, matrix in zip(CHANNELS, matrices, strict=True))

@@ -44,7 +44,7 @@ def test_the_command_recovers_the_response_and_the_light(
     output, curve = tmp_path / "out.exr", tmp_path / "camera.toml"
     arguments = [*bracket, "--times", *TEXT, *options, "--save-response", str(curve), "-o", str(output)]
     ended = subprocess.run(
-        [sys.executable, "-m", "counterlight.tools.merge_exposures", *arguments],
+        [sys.executable, "-m", "counterlight", "merge-exposures", *arguments],
         capture_output=True,
         text=True,
         check=False,

@@ -102,7 +102,7 @@ def test_the_command_fits_a_table(tmp_path: Path) -> None:
     table = write_table(tmp_path / "ramp.csv", LEVELS * 255, readings)
     output = tmp_path / "projector.toml"
     ended = subprocess.run(
-        [sys.executable, "-m", "counterlight.tools.fit_projector_response", str(table), "-o", str(output)],
+        [sys.executable, "-m", "counterlight", "fit-response", str(table), "-o", str(output)],
         capture_output=True,
         text=True,
         check=False,

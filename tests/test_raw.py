@@ -198,7 +198,7 @@ def write_bracket(folder: Path, light: np.ndarray, times_s: list[float]) -> list
 def test_a_bracket_is_merged_as_linear_with_its_own_times(rng: np.random.Generator, tmp_path: Path) -> None:
     light = rng.uniform(0.02, 4, (30, 44, 3))
     paths = write_bracket(tmp_path, light, [0.125, 0.5, 2.0])
-    command = [sys.executable, "-m", "counterlight.tools.merge_exposures", *paths, "-o", str(tmp_path / "out.exr")]
+    command = [sys.executable, "-m", "counterlight", "merge-exposures", *paths, "-o", str(tmp_path / "out.exr")]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert "44x30, 3 pictures of 0.125 to 2 s, debevec, hat weights, response linear" in ended.stdout

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, add_verbose, at_least_0, command_line, conclusion, run
+from counterlight.command import Arguments, Parser, add_verbose, at_least_0, command_line, conclusion, verb
 from counterlight.errors import InputError
 from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options, sources_of
@@ -42,11 +42,8 @@ COMMON = (
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     _choose_scheme(options)
     from threadpoolctl import threadpool_limits
@@ -251,7 +248,3 @@ def _add_files(group: Arguments) -> None:
     )
     group.add_argument("--report", type=Path, metavar="FOLDER", help="write the report here (default OUTPUT.report)")
     add_verbose(group, "clusters and entries of T")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, add_verbose, command_line, conclusion, run, tell
+from counterlight.command import Arguments, Parser, add_verbose, command_line, conclusion, tell, verb
 from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSES
 from counterlight.tools.cluster_option import add_cluster, workers_of
@@ -25,11 +25,8 @@ EXAMPLES = "counterlight build room", "counterlight build room --inverse whole -
 COMMON = "--inverse", "--regularize", "--max-error", "--colour", "--outside", "--drift", "--report", "--verbose"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.tools.clusters.decomposition import Parameters
     from counterlight.tools.inverse.near_light import InverseOptions
@@ -182,7 +179,3 @@ def _add_cut(group: Arguments) -> None:
         help="with --inverse thesis: drop entries of T below this share of white (default 0.001 with far light, "
         "otherwise 0)",
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

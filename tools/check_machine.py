@@ -22,7 +22,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
-from counterlight.command import BAD_INPUT, DONE, Parser, command_line, conclusion, run
+from counterlight.command import BAD_INPUT, DONE, Parser, command_line, conclusion, verb
 from counterlight.tools.system_packages import PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
 
 PROBE_S = 60.0  # seconds; a software renderer's first context on a busy machine takes several
@@ -59,12 +59,9 @@ class Finding:
 EXAMPLES = "counterlight doctor", "counterlight doctor --json"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+@verb
+def main(argv: Sequence[str] | None) -> int:
     """Returns exit code 0 if the player can at least render without a screen, 2 if a requirement is missing."""
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> int:
     parser = Parser(
         "doctor", description="Check what this machine has, what is missing, and how to install it.", examples=EXAMPLES
     )
@@ -334,7 +331,3 @@ def _reinstall(package: str) -> str:
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
-
-
-if __name__ == "__main__":
-    sys.exit(main())

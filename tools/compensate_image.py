@@ -1,10 +1,9 @@
 """counterlight compensate: compute a projector picture by solvers on the processor, and predict the camera picture."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, add_verbose, command_line, conclusion, run
+from counterlight.command import Parser, add_verbose, command_line, conclusion, verb
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options, aims_of
@@ -27,11 +26,8 @@ EXAMPLES = (
 COMMON = "--solver", "--output", "--white", "--verbose"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.calibration import check_order
     from counterlight.tools.solve.compensate import CompensateOptions, compensate
@@ -91,7 +87,3 @@ def _parser() -> Parser:
     )
     add_objective_options(objective)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

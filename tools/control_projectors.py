@@ -1,11 +1,10 @@
 """counterlight projector: switch projectors on and off over the network (PJLink), or print their state."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import BAD_INPUT, DONE, Parser, command_line, conclusion, run, tell
+from counterlight.command import BAD_INPUT, DONE, Parser, command_line, conclusion, tell, verb
 from counterlight.errors import InputError
 from counterlight.files.reading import read_bytes
 from counterlight.show.schedule_file import read_schedule
@@ -21,11 +20,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> int:
+@verb
+def main(argv: Sequence[str] | None) -> int:
     options = _parser().parse_args(argv)
     projectors = _projectors(options)
     if not projectors:
@@ -83,7 +79,3 @@ def _address(word: str) -> tuple[str, int]:
         return read_address(word, port=PORT)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected HOST[:PORT], found {word!r}") from None
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,11 +1,10 @@
 """counterlight export: write a room's warp, blend, black level and colour for other programs."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, conclusion, run
+from counterlight.command import Parser, conclusion, verb
 from counterlight.errors import InputError
 
 MEANING = """Other programs warp a picture and scale its pixels. Of T, only the diagonal remains: a place, a factor and
@@ -18,11 +17,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.tools.exports.export import export
 
@@ -58,7 +54,3 @@ def _parser() -> argparse.ArgumentParser:
         "FILE_1.cube, FILE_2.cube and so on",
     )
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

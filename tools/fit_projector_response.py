@@ -1,10 +1,9 @@
 """counterlight fit-response: fit a projector's response to measured grey levels, for --response of other verbs."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, command_line, conclusion, run
+from counterlight.command import Parser, command_line, conclusion, verb
 from counterlight.writing.outputs import check_file
 
 EXAMPLES = (
@@ -13,11 +12,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.response import named_response
     from counterlight.tools.hdr.camera_response import SUFFIXES, write_response
@@ -51,7 +47,3 @@ def _parser() -> Parser:
         "-o", "--output", type=Path, required=True, metavar="FILE.toml", help="write the response to this file"
     )
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

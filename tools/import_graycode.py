@@ -1,11 +1,10 @@
 """counterlight import-graycode: make a calibration from photographs of Gray-code patterns, by direct mapping."""
 
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, command_line, conclusion, parse_size, run
+from counterlight.command import Parser, command_line, conclusion, parse_size, verb
 from counterlight.response import named_response
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, given_or_assumed
 from counterlight.tools.choices import GRAYCODE_ORDERS
@@ -16,11 +15,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.calibration import Device
     from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
@@ -85,7 +81,3 @@ def _parser() -> Parser:
     )
     add_room_options(parser)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

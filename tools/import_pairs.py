@@ -1,11 +1,10 @@
 """counterlight import-pairs: make a calibration from ordinary pictures and their photographs."""
 
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, command_line, conclusion, parse_size, run
+from counterlight.command import Parser, command_line, conclusion, parse_size, verb
 from counterlight.response import named_response
 
 EXAMPLES = (
@@ -14,11 +13,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.tools.pairs.room import PairsOptions, import_pairs_room
 
@@ -73,7 +69,3 @@ def _parser() -> Parser:
     parser.add_argument("--force", action="store_true", help="replace an existing calibration")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="write the calibration here")
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, command_line, conclusion, parse_size, run
+from counterlight.command import Parser, command_line, conclusion, parse_size, verb
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, add_tolerance, given_or_assumed
 
 READ = "--camera and --projector are WIDTHxHEIGHT, and pixels are numbered row by row; import T again if that is wrong"
@@ -15,11 +15,8 @@ MATRICES = (
 EXAMPLES = f"{MATRICES} -o room", f"{MATRICES} --ambient black.exr --force -o room"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.calibration import Device
     from counterlight.response import Response
@@ -73,7 +70,3 @@ def _parser() -> Parser:
     add_tolerance(parser)
     add_room_options(parser)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,11 +7,10 @@ have the same names. --at joins rooms as views, for viewers that move.
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, command_line, conclusion, run
+from counterlight.command import Parser, command_line, conclusion, verb
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import SCREENS
@@ -23,11 +22,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     print(_joined(options))
     print(conclusion(f"{options.output}: joined", command_line("build", options.output)))
@@ -108,7 +104,3 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--name", help="name the room (default: as the folder)")
     parser.add_argument("--force", action="store_true", help="replace an existing calibration")
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,12 +1,11 @@
 """counterlight merge-exposures: merge photographs of one scene with different exposure times into a radiance map."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
-from counterlight.command import Parser, command_line, conclusion, run
+from counterlight.command import Parser, command_line, conclusion, verb
 from counterlight.tools.choices import MERGES, WEIGHTINGS
 
 EXAMPLES = (
@@ -15,11 +14,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.tools.hdr.merging import ResponseSource, merge_bracket
     from counterlight.tools.hdr.radiance import MergeOptions
@@ -78,7 +74,3 @@ def _seconds(text: str) -> float:
         return float(Fraction(text))
     except (ValueError, ZeroDivisionError):
         raise argparse.ArgumentTypeError(f"a time is in seconds, such as 0.125 or 1/8, found {text!r}") from None
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,11 +2,10 @@
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, command_line, conclusion, run
+from counterlight.command import Parser, command_line, conclusion, verb
 from counterlight.tools.choices import RELIT_VIEWS
 from counterlight.tools.colour.option import add_colour
 
@@ -31,11 +30,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.calibration import check_order
     from counterlight.tools.relighting.relight import RelightOptions, relight
@@ -94,7 +90,3 @@ def _level(text: str) -> float:
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"expected a level above 0, found {text!r}")
     return value
-
-
-if __name__ == "__main__":
-    sys.exit(main())

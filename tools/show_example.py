@@ -1,7 +1,6 @@
 """counterlight example: simulate a room, invert it, and play a film through the inverse, drawn by the shaders."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
@@ -9,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from counterlight import app, calibration
-from counterlight.command import Parser, command_line, conclusion, run
+from counterlight.command import Parser, command_line, conclusion, verb
 from counterlight.errors import InputError
 from counterlight.files.picture_files import write_png
 from counterlight.gl.probe import probe_opengl
@@ -33,11 +32,8 @@ EXAMPLES = (
 )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     drawn_by = probe_opengl()["renderer"]  # fails first, because without OpenGL there is nothing to show
     folder = options.folder / options.scene.stem
@@ -137,7 +133,3 @@ def _parser() -> argparse.ArgumentParser:
         "--folder", type=Path, default=Path("example"), help="write the room and the pictures here (default example)"
     )
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

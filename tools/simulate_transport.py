@@ -1,12 +1,11 @@
 """counterlight simulate: compute the calibration of a described room, with only the effects that matter in it."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, command_line, conclusion, parse_decibels, parse_size, run
+from counterlight.command import Arguments, Parser, command_line, conclusion, parse_decibels, parse_size, verb
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import BLUR_TOLERANCE
@@ -24,11 +23,8 @@ COMMON = "--output", "--camera", "--projector", "--force", "--explain", "--withi
 BLURRED = "join projector pixels to blocks where the picture is far out of focus,"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     if options.output is None and not options.explain:
         raise InputError("counterlight simulate: nothing to do; give -o FOLDER, --explain or both")
@@ -115,7 +111,3 @@ def _add_effects(group: Arguments) -> None:
 def _add_computation(group: Arguments) -> None:
     add_tolerance(group, BLURRED, BLUR_TOLERANCE)
     add_cluster(group, "trace the camera picture")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

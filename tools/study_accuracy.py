@@ -1,10 +1,9 @@
 """counterlight study: measure what accuracy costs in time, in scenes and calibrated rooms, and write a report."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, at_least_0, command_line, conclusion, parse_size, run
+from counterlight.command import Parser, at_least_0, command_line, conclusion, parse_size, verb
 from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
 from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
@@ -15,11 +14,8 @@ EXAMPLES = "counterlight study room --size 160x120", "counterlight study --scene
 COMMON = "--output", "--scenes", "--pictures", "--size", "--patience"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> None:
+@verb
+def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.tools.study.jobs import files_of
     from counterlight.tools.study.pictures import find_pictures
@@ -93,7 +89,3 @@ def _parser() -> Parser:
     add_colour(parser)
     add_cluster(parser, "measure the rooms")
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,7 +12,7 @@ from functools import partial
 from typing import NamedTuple
 
 import counterlight
-from counterlight.command import DONE, SCRIPTS, Parser, run
+from counterlight.command import DONE, SCRIPTS, Parser, verb
 from counterlight.errors import InputError, nearest
 
 SHELLS = ("bash", "zsh", "fish")
@@ -51,27 +51,18 @@ VERBS = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def play(argv: Sequence[str] | None = None) -> int:
-    """Entry point of the script play-corrected."""
-    return run(partial(_verb, "play"), argv)
-
-
-def build(argv: Sequence[str] | None = None) -> int:
-    """Entry point of the script build-correction-map."""
-    return run(partial(_verb, "build"), argv)
-
-
 def _verb(name: str, argv: Sequence[str] | None) -> int:
     """Import and run a verb, inside `run`, so that Ctrl-C during the import ends cleanly."""
     body: Callable[[Sequence[str] | None], int] = importlib.import_module(f"counterlight.{VERBS[name].module}").main
     return body(argv)
 
 
-def _main(argv: Sequence[str] | None) -> int:
+# entry points of the scripts play-corrected and build-correction-map
+play, build = verb(partial(_verb, "play")), verb(partial(_verb, "build"))
+
+
+@verb
+def main(argv: Sequence[str] | None) -> int:
     words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if "_ARGCOMPLETE" in os.environ:
         words = _being_completed()
@@ -132,7 +123,3 @@ def _parser() -> Parser:
 
 def _described(lines: Sequence[str]) -> str:
     return "\n".join([(__doc__ or "").split("\n")[0].partition(": ")[2], "", "verbs:", *lines])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,6 @@ correction when it starts or is asked to reload. Exit code 3: the calibration no
 
 import argparse
 import hashlib
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Arguments, Parser, command_line, conclusion, run, tell
+from counterlight.command import Arguments, Parser, command_line, conclusion, tell, verb
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
@@ -44,11 +43,8 @@ LOST = 3  # exit code
 WATCH_S = 600.0
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(_main, argv)
-
-
-def _main(argv: Sequence[str] | None) -> int:
+@verb
+def main(argv: Sequence[str] | None) -> int:
     options = _parser().parse_args(argv)
     from counterlight.calibration import check_order
 
@@ -294,7 +290,3 @@ def _add_picture(group: Arguments) -> None:
     )
     add_colour(group)
     add_objective_options(group)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
