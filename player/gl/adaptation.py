@@ -14,10 +14,10 @@ from counterlight.passes.certificate import BlockSum
 from counterlight.passes.combine import Combine
 from counterlight.passes.desired import Desired, Tone
 from counterlight.pipeline.content import Succession, approach
-from counterlight.pipeline.device import NearLight, Owner
+from counterlight.pipeline.device import NearLight, Owner, Owning
 
 
-class Adapter:
+class Adapter(Owning):
     """Computes (s, o) of a frame (player/pipeline/content.py) into a texture of one texel.
 
     near_light : u -> u − F u.
@@ -76,11 +76,8 @@ class Adapter:
         self._succession.draw()
         return self._now.run(sums=sums, candidates=self._scale_sums.candidates, tone=offset, before=self._before.target)
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class _Sums:
+class _Sums(Owning):
     """Computes the sums of 16 candidates, OFFSETS or SCALES, into four texels."""
 
     def __init__(
@@ -109,6 +106,3 @@ class _Sums:
     def run(self, u: moderngl.Texture, near: moderngl.Texture, **tone: moderngl.Texture) -> moderngl.Texture:
         tiles = self._tiles.run(picture=u, near=near, candidates=self.candidates, **self._limits, **tone)
         return self._all.draw(BlockSum(tiles, TILES))
-
-    def release(self) -> None:
-        self._owner.release()

@@ -23,7 +23,7 @@ from counterlight.passes import encode
 from counterlight.passes.certificate import BlockSum
 from counterlight.passes.drawing import CHANNELS
 from counterlight.passes.refinement_step import Step, Ties
-from counterlight.pipeline.device import EVERYWHERE, GpuPath, NearLight, Owner
+from counterlight.pipeline.device import EVERYWHERE, GpuPath, NearLight, Owner, Owning
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.room import Room
 from counterlight.processing import CELLS
@@ -73,20 +73,14 @@ class GlDevice:
     def stepper(self, shape: tuple[int, int], prior: Ties[moderngl.Texture]) -> "_Stepper":
         self._programs.prepare(Step)
         owner = Owner()
-        try:
+        with owner:
             return _Stepper(owner, [owner.own(self._pair(shape)) for _ in range(2)], prior)
-        except BaseException:
-            owner.release()
-            raise
 
     def _pair(self, shape: tuple[int, int]) -> Canvas:
         """Return a canvas of two pictures."""
-        first = float_texture(self._context, shape)
-        try:
-            second = float_texture(self._context, shape)
-        except BaseException:
-            first.release()
-            raise
+        made = Owner()
+        with made:
+            first, second = (made.own(float_texture(self._context, shape)) for _ in range(2))
         return Canvas(self._context, self._programs, first, second)
 
     def total(self, shape: tuple[int, int]) -> "_Total":
@@ -104,7 +98,7 @@ class GlDevice:
         self._programs.release()
 
 
-class _Encoder:
+class _Encoder(Owning):
     """The pass encode.frag with its tables."""
 
     def __init__(
@@ -120,7 +114,7 @@ class _Encoder:
         own, defines = self._owner.own, dict[str, int | None]()
         if dither != "none":
             defines[f"DITHER_{dither.upper()}"] = None
-        try:
+        with self._owner:
             self._inputs = {"inverse_response": own(picture_texture(context, response.inverse_tables()))}
             if response.of_column.any():
                 defines["SEVERAL"] = response.row_height
@@ -139,20 +133,14 @@ class _Encoder:
                 self._inputs["processing"] = own(picture_texture(context, rows))
             target = context.texture((shape[1], shape[0]), 4, dtype="f1", internal_format=CODES[bits])
             self._pass = own(ShaderPass(context, encode.SHADER, target, defines, scale=scale, highest=2**bits - 1))
-        except BaseException:
-            self.release()
-            raise
 
     def run(self, light: moderngl.Texture, frame: int) -> moderngl.Texture:
         if self._noisy:
             self._pass.set(frame=frame & 0xFFFFFFFF)
         return self._pass.run(picture=light, **self._inputs)
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class _Stepper:
+class _Stepper(Owning):
     """The pass refinement_step, alternating between two pairs of pictures."""
 
     def __init__(self, owner: Owner, canvases: Sequence[Canvas], prior: Ties[moderngl.Texture]) -> None:
@@ -169,9 +157,6 @@ class _Stepper:
         following = self._canvases[step % 2]
         following.draw(Step(descent, y, p, step_size, self._prior, momentum(step), OVER_RELAXATION))
         return following.pictures[0], following.pictures[1]
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 class _Total:

@@ -1,6 +1,5 @@
 """Computes radiance from exposures on the GPU (thesis 3.3.2). Each pass of shaders/expose_sums.frag adds a batch."""
 
-from contextlib import ExitStack
 from typing import Any
 
 import moderngl
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from counterlight.errors import InputError
 from counterlight.gl.passes import ScreenPass, ShaderPass, float_texture
+from counterlight.pipeline.device import Owner
 
 BATCH = 16  # largest number of exposures per pass: one pass over the sums serves all of them
 BATCH_BYTES = 1 << 28  # most bytes of code values that wait for a pass
@@ -50,18 +50,15 @@ class GlSums:
         self._batch = max(1, min(BATCH, limit // self._rows, BATCH_BYTES // picture_bytes))
         self._waiting: list[tuple[float, float, float, float]] = []
         self._passes = 0
-        self._owned = ExitStack()
-        try:
+        self._owner = Owner()
+        with self._owner:
             self._build(table, exponential, slack)
-        except BaseException:
-            self._owned.close()
-            raise
 
     def _build(self, table: NDArray[np.float64], exponential: bool, slack: float) -> None:
         context, shape, pages = self._context, self._shape, len(table) // PAGE
         dtype = np.uint8 if pages == 1 else np.uint16
         self._stage = np.zeros((self._rows, SAMPLES), dtype)
-        self._codes = self._own(
+        self._codes = self._owner.own(
             _texture(context, (TEXELS, self._rows * self._batch), 4, f"u{self._stage.itemsize}", None)
         )
         top = int(np.flatnonzero(table[:, 0, 1])[-1]) + 1
@@ -74,12 +71,12 @@ class GlSums:
             self._defines["CURVE_IN_UNIFORMS"] = None
             self._arrays["curve"] = paged
         else:
-            self._inputs["table"] = self._own(_texture(context, (PAGE * shape[2], pages), 2, "f4", paged))
-        sums = [[self._own(float_texture(context, (self._rows, TEXELS))) for _ in SUMS] for _ in range(2)]
-        self._sums = [(dict(zip(SUMS, each, strict=True)), self._own(context.framebuffer(each))) for each in sums]
+            self._inputs["table"] = self._owner.own(_texture(context, (PAGE * shape[2], pages), 2, "f4", paged))
+        sums = [[self._owner.own(float_texture(context, (self._rows, TEXELS))) for _ in SUMS] for _ in range(2)]
+        self._sums = [(dict(zip(SUMS, each, strict=True)), self._owner.own(context.framebuffer(each))) for each in sums]
         self._adders: dict[int, _Adder] = {}
         target = float_texture(context, (self._rows, TEXELS))
-        self._estimate = self._own(
+        self._estimate = self._owner.own(
             ShaderPass(
                 context, "expose_estimate.frag", target, {"EXPONENTIAL": None} if exponential else {}, slack=slack
             )
@@ -121,7 +118,7 @@ class GlSums:
     def _adder(self, count: int) -> "_Adder":
         """Return the pass for `count` exposures: full batches share a pass, the rest of a bracket has its own."""
         if count not in self._adders:
-            adder = self._own(_Adder(self._context, "expose_sums.frag", self._defines | {"BATCH": count}))
+            adder = self._owner.own(_Adder(self._context, "expose_sums.frag", self._defines | {"BATCH": count}))
             adder.set_arrays(**self._arrays)
             self._adders[count] = adder
         return self._adders[count]
@@ -134,11 +131,7 @@ class GlSums:
 
     def release(self) -> None:
         self._context.detect_framebuffer(0).use()  # moderngl would bind the last framebuffer again later
-        self._owned.close()
-
-    def _own(self, resource: Any) -> Any:
-        self._owned.callback(resource.release)
-        return resource
+        self._owner.release()
 
 
 class _Adder(ScreenPass):

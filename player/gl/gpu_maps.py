@@ -22,7 +22,7 @@ from counterlight.maps.small_map import WORD_BYTES
 from counterlight.maps.word_map import WordMap
 from counterlight.passes import product
 from counterlight.passes.product import Combining
-from counterlight.pipeline.device import LONG_BYTES, Owner, Product
+from counterlight.pipeline.device import LONG_BYTES, Owner, Owning, Product
 
 TILE_TEXELS = 1 << 25  # per texture, 512 MiB of entries; llvmpipe ends at 1 GiB, and no driver guarantees more
 VERSION = 430
@@ -31,7 +31,7 @@ ROWS, ENTRIES, GROUPS, TARGET = 0, 1, 2, 0  # bindings of the buffers, and of th
 Packed = TypeVar("Packed", RowMap, WordMap)
 
 
-class GpuMap(ABC, Generic[Packed]):
+class GpuMap(Owning, ABC, Generic[Packed]):
     """A map on the GPU; several passes may share it."""
 
     def __init__(self, context: moderngl.Context, packed: Packed) -> None:
@@ -42,11 +42,8 @@ class GpuMap(ABC, Generic[Packed]):
         if isinstance(packed, WordMap):
             self.uniforms["scale"] = packed.scale
             self.defines |= {} if packed.colours is None else {"COLOURED": None}
-        try:
+        with self._owner:
             self._upload(packed)
-        except BaseException:
-            self.release()
-            raise
 
     def product(self, combining: Combining = "") -> Product[moderngl.Texture]:
         """Return target = Σ weights · source, combined with a base as shaders/product.glsl says.
@@ -55,9 +52,6 @@ class GpuMap(ABC, Generic[Packed]):
             "WEIGHED_RESIDUAL".
         """
         return self._pass(self.defines | ({combining: None} if combining else {}))
-
-    def release(self) -> None:
-        self._owner.release()
 
     @abstractmethod
     def _upload(self, packed: Packed) -> None: ...
@@ -203,23 +197,17 @@ class WordBuffers(BufferMap[WordMap]):
         self.parts = [self._part({ROWS: part.rows, ENTRIES: part.words, GROUPS: part.groups}) for part in made]
 
 
-class PartBuffers:
+class PartBuffers(Owning):
     """The buffers that one dispatch of `groups` workgroups reads, by binding."""
 
     def __init__(self, context: moderngl.Context, bound: Mapping[int, UintArray], groups: int) -> None:
         self._owner, self.groups = Owner(), groups
-        try:
+        with self._owner:
             self._buffers = {binding: self._owner.own(_buffer(context, data)) for binding, data in bound.items()}
-        except BaseException:
-            self.release()
-            raise
 
     def bind(self) -> None:
         for binding, buffer in self._buffers.items():
             buffer.bind_to_storage_buffer(binding)
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 class ComputePass:

@@ -15,14 +15,14 @@ from counterlight.gl.gpu_maps import MapBuffers, MapTextures, WordBuffers, WordT
 from counterlight.gl.passes import float_texture
 from counterlight.maps.row_map import RowMap
 from counterlight.maps.small_map import WORD_BYTES
-from counterlight.pipeline.device import LONG_BYTES, GpuPath, Owner, PathReport, Product, StoredMap
+from counterlight.pipeline.device import LONG_BYTES, GpuPath, Owner, Owning, PathReport, Product, StoredMap
 from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
 STORES = {"fragment": (MapTextures, WordTextures), "compute": (MapBuffers, WordBuffers)}
 
 
-class GlMaps:
+class GlMaps(Owning):
     """Holds a room's maps on the GPU for one path; each is uploaded on first use."""
 
     def __init__(self, context: moderngl.Context, room: Room, path: GpuPath) -> None:
@@ -37,9 +37,6 @@ class GlMaps:
         if id(packed) not in self._stored:
             self._stored[id(packed)] = self._owner.own(self._store(packed))
         return self._stored[id(packed)]
-
-    def release(self) -> None:
-        self._owner.release()
 
     def _store(self, packed: RowMap) -> StoredMap[moderngl.Texture]:
         of_entries, of_words = STORES[self.path.shader]

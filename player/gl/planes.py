@@ -60,11 +60,8 @@ class Planes:
     def _build(self, signal: Signal | None) -> None:
         """Build the pass for a signal. The previous pass stays if this fails."""
         drawing = Owner()
-        try:
+        with drawing:
             self._make(signal, drawing.own)
-        except BaseException:
-            drawing.release()
-            raise
         self._drawing.release()
         self._drawing = drawing
 

@@ -15,7 +15,7 @@ from counterlight.passes.combine import Combine
 from counterlight.passes.drawing import Picture
 from counterlight.passes.moved import MovedDrive
 from counterlight.passes.resample import Resample
-from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.pipeline.drift import Drift, Moved
 from counterlight.pipeline.room import Room
 
@@ -39,18 +39,15 @@ class Correction:
     white: float = 1.0
 
 
-class CorrectedDrive(Generic[Picture]):
+class CorrectedDrive(Owning, Generic[Picture]):
     """Maps a drive to the shown drive, for projectors that have moved or changed their light."""
 
     def __init__(self, device: Device[Picture], room: Room, projectors: tuple[Moved, ...]) -> None:
         self._owner, self._device, self._regions = Owner(), device, room.calibration.regions
         own = self._owner.own
-        try:
+        with self._owner:
             self._projectors = own(device.picture(self._table(projectors)))
             self._canvas = own(device.canvas(room.calibration.projector.shape))
-        except BaseException:
-            self.release()
-            raise
 
     def set(self, projectors: tuple[Moved, ...]) -> None:
         self._device.write(self._projectors, self._table(projectors))
@@ -58,14 +55,11 @@ class CorrectedDrive(Generic[Picture]):
     def run(self, drive: Picture) -> Picture:
         return self._canvas.draw(MovedDrive(drive, self._projectors))
 
-    def release(self) -> None:
-        self._owner.release()
-
     def _table(self, projectors: tuple[Moved, ...]) -> NDArray[np.float32]:
         return Drift(projectors).table(self._regions)
 
 
-class AmbientLight(Generic[Picture]):
+class AmbientLight(Owning, Generic[Picture]):
     """The ambient light of a view in screen primaries, which a correction changes in place.
 
     picture : (camera height, camera width, 3), for all passes of the view.
@@ -77,14 +71,11 @@ class AmbientLight(Generic[Picture]):
         self._parts: _AddedLight[Picture] | None = None
         self._paint: NDArray[np.floating] | None = None
         own = self._owner.own
-        try:
+        with self._owner:
             self._canvas = own(device.canvas(self._shape))
             stored = own(device.picture(room.ambient))
             self.picture: Picture = self._canvas.draw(Combine(stored, stored, 0.0))
             self._owner.give_up(stored)
-        except BaseException:
-            self.release()
-            raise
 
     def add(self, field: NDArray[np.float32], paint: NDArray[np.floating] | None) -> None:
         """Set the picture to the calibrated light plus a field times `paint` (Correction)."""
@@ -97,11 +88,8 @@ class AmbientLight(Generic[Picture]):
             parts = self._parts = self._owner.own(_AddedLight(self._device, self._room, field.shape[:2], paint))
         self._canvas.draw(Combine(parts.stored, parts.of(field)))
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class _AddedLight(Generic[Picture]):
+class _AddedLight(Owning, Generic[Picture]):
     """The pictures for a field of `cells`, (rows, columns)."""
 
     def __init__(
@@ -110,15 +98,12 @@ class _AddedLight(Generic[Picture]):
         self.cells, self._device, self._owner = cells, device, Owner()
         self._height, self._width = room.calibration.camera.shape
         own = self._owner.own
-        try:
+        with self._owner:
             self.stored = own(device.picture(room.ambient))
             self._field = own(device.picture(np.zeros((*cells, 3), np.float32)))
             self._wide, self._high = (own(device.canvas((rows, self._width))) for rows in (cells[0], self._height))
             self._paint = None if paint is None else own(device.picture(paint.astype(np.float32)))
             self._painted = None if paint is None else own(device.canvas((self._height, self._width)))
-        except BaseException:
-            self.release()
-            raise
 
     def of(self, field: NDArray[np.float32]) -> Picture:
         self._device.write(self._field, field)
@@ -127,6 +112,3 @@ class _AddedLight(Generic[Picture]):
         if self._painted is None or self._paint is None:
             return high
         return self._painted.draw(Weighted(high, self._paint))
-
-    def release(self) -> None:
-        self._owner.release()

@@ -85,7 +85,10 @@ class PathReport:
 
 
 class Owner:
-    """Holds resources and releases them in reverse order. Arrays need no release."""
+    """Holds resources and releases them in reverse order. Arrays need no release.
+
+    Its `with` block releases them only if the block fails.
+    """
 
     def __init__(self) -> None:
         self._owned: list[Any] = []
@@ -105,6 +108,21 @@ class Owner:
     def release(self) -> None:
         while self._owned:
             self._owned.pop().release()
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            self.release()
+
+
+class Owning:
+    """Has its resources in `_owner`."""
+
+    _owner: Owner
+
+    def release(self) -> None:
+        self._owner.release()
 
 
 class Product(Protocol[Picture]):

@@ -10,7 +10,7 @@ from counterlight.media.frames import PixelFormat
 from counterlight.passes.drawing import Picture
 from counterlight.passes.pinned import OnScreen, Pinned, pinned
 from counterlight.passes.resample import Resample
-from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.pipeline.placement import Corners, corners_of, homography, place, shown_shape
 from counterlight.screen import Screen
 
@@ -40,15 +40,12 @@ class Fitter(Generic[Picture]):
         self._down.release()
 
 
-class Axes(Generic[Picture]):
+class Axes(Owning, Generic[Picture]):
     """Pictures of the screen positions that a camera's pixels see, for a screen shared by several cameras."""
 
     def __init__(self, device: Device[Picture], screen: Screen) -> None:
         self.shape, self._owner = screen.shape, Owner()
         self.on_screen = OnScreen(*(self._owner.own(device.picture(axis)) for axis in screen.axes))
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 class Pinner(Generic[Picture]):

@@ -10,7 +10,7 @@ from counterlight.passes.drawing import Canvas, Picture, Rows
 from counterlight.passes.mixing import Mix
 from counterlight.passes.reach import Reach
 from counterlight.passes.shown_maps import Clipping, ErrorMap, Impossible
-from counterlight.pipeline.device import ChainPass, Device, Owner, StoredMaps
+from counterlight.pipeline.device import ChainPass, Device, Owner, Owning, StoredMaps
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.views import (
     CLIP_FAINT,
@@ -28,7 +28,7 @@ from counterlight.pipeline.views import (
 CLIP_COLOURS = CLIP_FAINT, CLIP_SPAN, OVER, UNDER
 
 
-class Observer(Generic[Picture]):
+class Observer(Owning, Generic[Picture]):
     """Predicts the camera picture of a drive, in screen primaries: e + B T p.
 
     far : whether far light is included.
@@ -61,11 +61,8 @@ class Observer(Generic[Picture]):
             light = chain.run(drive, light)
         return light
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class MapViews(Generic[Picture]):
+class MapViews(Owning, Generic[Picture]):
     """The views that are maps, and the map of clipping over other views (views.py). Each is built on first use.
 
     stored, ambient, mixer : as in Observer.
@@ -132,9 +129,6 @@ class MapViews(Generic[Picture]):
     def over_projector(self, view: Picture, product: Picture) -> Picture:
         """Draw clipping over the projector view. product : T⁺ b, not clamped."""
         return self._over_projector.draw(Clipping(view, product, 1.0, *CLIP_COLOURS))
-
-    def release(self) -> None:
-        self._owner.release()
 
     @cached_property
     def _error(self) -> Canvas[Picture]:

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from counterlight.passes.drawing import Canvas, Picture, Rows
 from counterlight.passes.mixing import Mix
-from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.pipeline.room import Room
 
 
-class Mixer(Generic[Picture]):
+class Mixer(Owning, Generic[Picture]):
     """Mixing matrices of every camera pixel as pictures, each made on first use; none if channels do not mix.
 
     squares : (9,). Q Qᵀ for passes that take `rows` and limit the light.
@@ -45,9 +45,6 @@ class Mixer(Generic[Picture]):
     def canvas(self) -> Canvas[Picture]:
         """Return a new canvas of the camera's size; the caller releases it."""
         return self._device.canvas(self._camera)
-
-    def release(self) -> None:
-        self._owner.release()
 
     def _pictures(self, matrices: NDArray[np.float32] | None) -> Rows[Picture] | None:
         if matrices is None:

@@ -9,13 +9,13 @@ from counterlight.media.frames import PixelFormat
 from counterlight.passes.combine import Blend
 from counterlight.passes.drawing import Canvas, Picture
 from counterlight.passes.mixing import Recolour
-from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.pipeline.fitting import Axes, Fitter, Pinner
 from counterlight.pipeline.placement import Corners, shown_shape
 from counterlight.pipeline.room import Room
 
 
-class Placed(Generic[Picture]):
+class Placed(Owning, Generic[Picture]):
     """Places decoded pictures of one format in one camera's view, and on the projector.
 
     axes : screen positions of a screen shared by several cameras; None for one camera.
@@ -31,13 +31,10 @@ class Placed(Generic[Picture]):
         self.radiance = pixels.layout == "radiance"
         self.unit = 1 / room.white if self.radiance else 1.0
         own = self._owner.own
-        try:
+        with self._owner:
             self._fitter = own(self._make_fitter())
             self._plain_fitter = own(Fitter(device, pixels, self.targets[1]))
             self._recoloured = own(self._make_recoloured(room)) if self.radiance else None
-        except BaseException:
-            self.release()
-            raise
         self.pin(None)
 
     def pin(self, corners: Corners | None) -> None:
@@ -58,9 +55,6 @@ class Placed(Generic[Picture]):
     def on_projector(self, picture: Picture) -> Picture:
         """Return the picture fitted to the projector; valid until the next call."""
         return self._plain_fitter.run(self._on_screen(picture))
-
-    def release(self) -> None:
-        self._owner.release()
 
     def _on_screen(self, picture: Picture) -> Picture:
         """Return a decoded picture in screen primaries; only radiance needs a conversion."""
@@ -84,7 +78,7 @@ class Placed(Generic[Picture]):
         return self._owner.own(Pinner(self._device, self.targets[0], self._axes))
 
 
-class Crossfade(Generic[Picture]):
+class Crossfade(Owning, Generic[Picture]):
     """Replaces a medium's Placed during a crossfade: (1 − weight) now + weight before, in linear light.
 
     The desired pictures are blended before compensation, because compensation of a sum is not a sum of compensations.
@@ -96,11 +90,8 @@ class Crossfade(Generic[Picture]):
         self.radiance, self.unit = now.radiance, now.unit
         self._now, self._before, self._owner = now, before, Owner()
         self._weight, self._gain = 1.0, before.unit / now.unit
-        try:
+        with self._owner:
             self._in_view, self._on_projector = (self._owner.own(device.canvas(target)) for target in now.targets)
-        except BaseException:
-            self.release()
-            raise
 
     @property
     def pinned(self) -> bool:
@@ -124,6 +115,3 @@ class Crossfade(Generic[Picture]):
     def on_projector(self, picture: Picture) -> Picture:
         now, before = self._now.on_projector(picture), self._before.on_projector(self._decoded)
         return self._on_projector.draw(Blend(now, before, self._weight, self._gain))
-
-    def release(self) -> None:
-        self._owner.release()

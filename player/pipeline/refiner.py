@@ -11,7 +11,7 @@ from counterlight.passes.certificate import Gap, Weighted
 from counterlight.passes.drawing import Canvas, Picture
 from counterlight.passes.product import Combining
 from counterlight.passes.refinement_step import Slope, Ties
-from counterlight.pipeline.device import ChainPass, Device, Owner, StoredMaps
+from counterlight.pipeline.device import ChainPass, Device, Owner, Owning, StoredMaps
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.starts import Iterate
@@ -32,7 +32,7 @@ class Goal(NamedTuple, Generic[Picture]):
     plain: Picture
 
 
-class Refiner(Generic[Picture]):
+class Refiner(Owning, Generic[Picture]):
     """Makes steps from a drive towards the best drive, and certifies how far a drive is from it.
 
     stored : shared maps T and TᵀW.
@@ -41,14 +41,11 @@ class Refiner(Generic[Picture]):
     def __init__(self, device: Device[Picture], stored: StoredMaps[Picture], maps: RefinementMaps) -> None:
         self._owner, self._device, self._maps = Owner(), device, maps
         own, projector = self._owner.own, maps.dual.output_shape
-        try:
+        with self._owner:
             self._slope = own(_Slope(stored, maps))
             self._prior = Ties(*(own(device.picture(picture)) for picture in vars(maps.prior).values()))
             self._step = own(device.stepper(projector, self._prior))
             self._step_size = own(device.picture(maps.step_size))
-        except BaseException:
-            self.release()
-            raise
 
     def run(self, start: Iterate[Picture], b: Picture, steps: int) -> Iterate[Picture]:
         """Return the iterate after `steps` steps from `start`."""
@@ -90,11 +87,8 @@ class Refiner(Generic[Picture]):
         """The passes of the certificate. They are built on first use, because they hold eight pictures."""
         return self._owner.own(_Certifier(self._device, self._maps))
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class _Slope(Generic[Picture]):
+class _Slope(Owning, Generic[Picture]):
     """Computes b − T y and TᵀW (b − T y), with T = S + B P + U M D."""
 
     def __init__(self, stored: StoredMaps[Picture], maps: RefinementMaps) -> None:
@@ -128,11 +122,8 @@ class _Slope(Generic[Picture]):
     def _plain(self) -> "_Residual[Picture]":
         return self._owner.own(_Residual(self._stored, SUBTRACT))
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class _Residual(Generic[Picture]):
+class _Residual(Owning, Generic[Picture]):
     """Computes b − T y; `last` says how the last part is combined."""
 
     def __init__(self, stored: StoredMaps[Picture], last: Combining) -> None:
@@ -148,11 +139,8 @@ class _Residual(Generic[Picture]):
             residual = chain.run(y, residual)
         return residual
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class _Certifier(Generic[Picture]):
+class _Certifier(Owning, Generic[Picture]):
     """Computes the unweighted error over the lit camera pixels, its gap and the light outside; sums are read back."""
 
     def __init__(self, device: Device[Picture], maps: RefinementMaps) -> None:
@@ -178,9 +166,6 @@ class _Certifier(Generic[Picture]):
             for drive in (p, goal.plain)
         )
         return Certificate(error, gap, outside / usual if usual > 0 else None), descent
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 def grey(values: NDArray[np.generic]) -> NDArray[np.float32]:

@@ -22,7 +22,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.correction import CorrectedDrive, Correction
 from counterlight.pipeline.damper import Damper
-from counterlight.pipeline.device import Device, Owner, Planes
+from counterlight.pipeline.device import Device, Owner, Owning, Planes
 from counterlight.pipeline.placed import Crossfade, Placed
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Goal, Refiner
@@ -39,7 +39,7 @@ from counterlight.response import Response
 from counterlight.viewpoints import Viewpoint
 
 
-class Renderer(Generic[Picture]):
+class Renderer(Owning, Generic[Picture]):
     """Renders frames: `open`, then `upload` and `render` any number of times, then read results; `release` at the end.
 
     path : how this renderer multiplies with the maps, for reports.
@@ -60,11 +60,8 @@ class Renderer(Generic[Picture]):
         self._damper: Damper[Picture] | None = None
         self._copies: ShownCopies[Picture] | None = None
         self._times = StageTimes(device.finish)
-        try:
+        with self._owner:
             self._build()
-        except BaseException:
-            self._owner.release()
-            raise
 
     def _build(self) -> None:
         device, room, own = self._device, self._room, self._owner.own
@@ -317,10 +314,6 @@ class Renderer(Generic[Picture]):
         last, targets, steps = self._compensated
         return refiner.snapshot(last, self._goal(targets[0].b), steps)
 
-    def release(self) -> None:
-        """Release everything that the renderer holds."""
-        self._owner.release()
-
     def _shown(self, view: str, *, compensate: bool, steps: int) -> Picture:
         if view == "impossible":
             return self._main_view.views.impossible()
@@ -403,42 +396,30 @@ class _Compensated(NamedTuple, Generic[Picture]):
         return self.targets[0].view.refiner if len(self.targets) == 1 else None
 
 
-class _Medium(Generic[Picture]):
+class _Medium(Owning, Generic[Picture]):
     """The passes of a format: planes -> linear picture, and its placement in each view."""
 
     def __init__(self, device: Device[Picture], room_views: Sequence[RoomView[Picture]], pixels: PixelFormat) -> None:
         self.pixels, self._owner = pixels, Owner()
-        try:
+        with self._owner:
             self.planes = self._owner.own(device.planes(pixels))
             self.placed = [self._owner.own(room_view.request.make(pixels)) for room_view in room_views]
-        except BaseException:
-            self.release()
-            raise
-
-    def release(self) -> None:
-        self._owner.release()
 
 
-class _Leaving(Generic[Picture]):
+class _Leaving(Owning, Generic[Picture]):
     """A medium that fades out while another fades in. `crossfades` has one entry per view."""
 
     def __init__(self, device: Device[Picture], now: "_Medium[Picture]", before: "_Medium[Picture]") -> None:
         self.medium, self._owner = before, Owner()
-        try:
+        with self._owner:
             self.crossfades = [
                 self._owner.own(Crossfade(device, *pair)) for pair in zip(now.placed, before.placed, strict=True)
             ]
-        except BaseException:
-            self.release()
-            raise
 
     def decode(self) -> None:
         before = self.medium.planes.run()
         for crossfade in self.crossfades:
             crossfade.take(before)
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 def check_radiance(pixels: PixelFormat, room: Room) -> None:

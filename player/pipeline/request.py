@@ -10,7 +10,7 @@ from counterlight.media.frames import PixelFormat
 from counterlight.passes.desired import Desired, Tone
 from counterlight.passes.drawing import Canvas, Picture
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.device import Adapter, Device, NearLight, Owner
+from counterlight.pipeline.device import Adapter, Device, NearLight, Owner, Owning
 from counterlight.pipeline.fitting import Axes
 from counterlight.pipeline.map_views import MapViews
 from counterlight.pipeline.mixer import Mixer
@@ -19,7 +19,7 @@ from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import card
 
 
-class Request(Generic[Picture]):
+class Request(Owning, Generic[Picture]):
     """Places and tones the decoded picture. With neutral settings, the passes skip the tone.
 
     ambient : ambient light in screen primaries.
@@ -42,12 +42,9 @@ class Request(Generic[Picture]):
         self._owner = Owner()
         self._adjustments, self._level, self._room_white = NEUTRAL, 1.0, room.white
         own = self._owner.own
-        try:
+        with self._owner:
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
             self._desired, self._plain = own(device.canvas(self._camera)), own(device.canvas(self._projector))
-        except BaseException:
-            self._owner.release()
-            raise
 
     def make(self, pixels: PixelFormat) -> Placed[Picture]:
         """Return the passes of a format, for `open`; the caller releases them."""
@@ -114,9 +111,6 @@ class Request(Generic[Picture]):
         if self._toned or self._placed.pinned:
             return self._device.read(self._mixer.on_screen(self.unbounded(picture)), np.float32) + self._room.ambient
         return np.float32(self._white) * self._device.read(self._placed.in_view(picture), np.float32)
-
-    def release(self) -> None:
-        self._owner.release()
 
     def _tone(self, placed: Picture) -> Tone[Picture]:
         tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone

@@ -10,7 +10,7 @@ from typing import Generic, NamedTuple
 from counterlight.passes.drawing import Picture
 from counterlight.passes.product import Combining
 from counterlight.pipeline.correction import AmbientLight
-from counterlight.pipeline.device import ChainPass, Device, Owner, Product, StoredMaps
+from counterlight.pipeline.device import ChainPass, Device, Owner, Owning, Product, StoredMaps
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.refiner import Refiner
@@ -18,7 +18,7 @@ from counterlight.pipeline.request import Request
 from counterlight.pipeline.room import Room
 
 
-class RoomView(Generic[Picture]):
+class RoomView(Owning, Generic[Picture]):
     """The maps and passes of one view.
 
     refiner : None without the maps of refinement.
@@ -30,11 +30,8 @@ class RoomView(Generic[Picture]):
     def __init__(self, device: Device[Picture], room: Room) -> None:
         self.room, self._owner = room, Owner()
         self._guesses: dict[tuple[str, bool], Guess[Picture]] = {}
-        try:
+        with self._owner:
             self._build(device)
-        except BaseException:
-            self.release()
-            raise
 
     def _build(self, device: Device[Picture]) -> None:
         own, maps = self._owner.own, self.room.maps
@@ -67,9 +64,6 @@ class RoomView(Generic[Picture]):
                 Guess(self.stored, self.near_light, of, "CLAMP" if clamp else "")
             )
         return self._guesses[of, clamp]
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 class Target(NamedTuple, Generic[Picture]):

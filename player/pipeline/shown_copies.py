@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from counterlight.passes.drawing import Picture
 from counterlight.passes.means import Means, part
-from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.raster import Region, Shape
 
 FACTOR, NARROWEST = 4, 96  # factor of the reduction, and smallest width of a reduced picture
 
 
-class ShownCopies(Generic[Picture]):
+class ShownCopies(Owning, Generic[Picture]):
     """The means of a drive's pixels, and the means of these over a coarse grid.
 
     `take` only queues the draws. `grid` and `picture` read the results, and wait for them.
@@ -42,13 +42,10 @@ class ShownCopies(Generic[Picture]):
             for region, box in zip(regions, boxes, strict=True)
         ]
         own = self._owner.own
-        try:
+        with self._owner:
             self._parts = own(device.picture(np.stack(rows)))
             self._whole = own(device.picture(part((0, 0, *shape[::-1]), grid)[None]))
             self._reduced, self._grid = own(device.canvas(shape)), own(device.canvas(grid))
-        except BaseException:
-            self.release()
-            raise
 
     def take(self, drive: Picture) -> None:
         self._grid.draw(Means(self._reduced.draw(Means(drive, self._parts)), self._whole))
@@ -58,9 +55,6 @@ class ShownCopies(Generic[Picture]):
 
     def picture(self) -> NDArray[np.float16]:
         return self._device.read(self._reduced.picture, np.float32).astype(np.float16)
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 def factor_of(width: int) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 
 from counterlight.passes.combine import Combine
 from counterlight.passes.drawing import Picture
-from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.pipeline.refinement import GREY
 
 Targets = TypeVar("Targets")  # the targets of views, from which a drive is made
@@ -45,7 +45,7 @@ class MapStart(Generic[Targets, Picture]):
         """Does nothing: no resources are held."""
 
 
-class PreviousStart(Generic[Targets, Picture]):
+class PreviousStart(Owning, Generic[Targets, Picture]):
     """Starts from p = clamp(T⁺ b + k), y = p + v. k is the change by refinement in the previous frame: its last p minus
     its T⁺ b. v is that frame's final momentum, y minus p. Both are 0 after a cut.
 
@@ -77,9 +77,6 @@ class PreviousStart(Generic[Targets, Picture]):
         self._now.momentum.draw(Combine(last.y, last.p, -1.0))
         self._now.steps = last.steps
 
-    def release(self) -> None:
-        self._owner.release()
-
 
 class _Carried(Generic[Picture]):
     """k, v and the number of steps of a frame, for the next frame."""
@@ -98,7 +95,7 @@ class _Carried(Generic[Picture]):
         self.momentum.release()
 
 
-class GreyStart(MapStart[Any, Picture]):
+class GreyStart(Owning, MapStart[Any, Picture]):
     """Starts from uniform grey."""
 
     def __init__(self, device: Device[Picture], shape: tuple[int, int]) -> None:
@@ -106,9 +103,6 @@ class GreyStart(MapStart[Any, Picture]):
         super().__init__(lambda b: grey)
         self._owner = Owner()
         self._owner.own(grey)
-
-    def release(self) -> None:
-        self._owner.release()
 
 
 Start: TypeAlias = MapStart[Targets, Picture] | PreviousStart[Targets, Picture]

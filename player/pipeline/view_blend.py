@@ -16,14 +16,14 @@ from counterlight.passes.certificate import Inverse
 from counterlight.passes.combine import Blend
 from counterlight.passes.drawing import Canvas, Picture
 from counterlight.passes.refinement_step import Ties
-from counterlight.pipeline.device import Device, Owner
+from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.pipeline.room_view import RoomView, Target
 from counterlight.pipeline.starts import GreyStart, Iterate, MapStart, PreviousStart, Start, standing
 
 Targets: TypeAlias = Sequence[Target[Picture]]
 
 
-class Mean(Generic[Picture]):
+class Mean(Owning, Generic[Picture]):
     """Computes Σ λ · picture over pictures of the projector's size. A single picture is returned as it is."""
 
     def __init__(self, device: Device[Picture], shape: tuple[int, int]) -> None:
@@ -43,11 +43,8 @@ class Mean(Generic[Picture]):
             self._canvases.append(self._owner.own(self._device.canvas(self._shape)))
         return self._canvases[number]
 
-    def release(self) -> None:
-        self._owner.release()
 
-
-class ViewBlend(Generic[Picture]):
+class ViewBlend(Owning, Generic[Picture]):
     """Makes drives for views.
 
     shape : (height, width) of the projector.
@@ -112,9 +109,6 @@ class ViewBlend(Generic[Picture]):
         self._start.keep(last)
         return last
 
-    def release(self) -> None:
-        self._owner.release()
-
 
 class _Guessed(Generic[Picture]):
     """Maps the targets of views to the mean of their drives without steps."""
@@ -126,7 +120,7 @@ class _Guessed(Generic[Picture]):
         return self._mean.run([(each.share, each.view.guess(self._of, clamp=self._clamp)(each.b)) for each in targets])
 
 
-class _Several(Generic[Picture]):
+class _Several(Owning, Generic[Picture]):
     """Steps on the mean slope of several views. The slopes already contain the priors."""
 
     def __init__(self, device: Device[Picture], shape: tuple[int, int]) -> None:
@@ -147,6 +141,3 @@ class _Several(Generic[Picture]):
             slopes = [(each.share, each.view.refiner.downhill(y, each.b)) for each in targets if each.view.refiner]
             p, y = self._step.run(step, mean.run(slopes), y, p, self._step_size)
         return Iterate(p, y, made + steps)
-
-    def release(self) -> None:
-        self._owner.release()
