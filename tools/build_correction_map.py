@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 from counterlight.command import Arguments, Parser, add_verbose, command_line, conclusion, tell, verb
 from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSES
-from counterlight.tools.cluster_option import add_cluster, workers_of
-from counterlight.tools.colour.option import add_colour
-from counterlight.tools.objective_options import add_objective_options, aims_of
+from counterlight.tools.shared_options import add_cluster, add_colour, add_objective_options, aims_of, workers_of
 from counterlight.viewpoints import calibrations_in, is_set
 from counterlight.writing.outputs import check_folder
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, add_verbose, command_line, conclusion, verb
 from counterlight.tools.choices import COMPENSATIONS
-from counterlight.tools.colour.option import add_colour
-from counterlight.tools.objective_options import add_objective_options, aims_of
+from counterlight.tools.shared_options import add_colour, add_objective_options, aims_of
 
 MEANING = """solvers:
   none          no compensation

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, command_line, conclusion, verb
 from counterlight.tools.choices import RELIT_VIEWS
-from counterlight.tools.colour.option import add_colour
+from counterlight.tools.shared_options import add_colour
 
 MEANING = """views:
   camera          T p + e, the room under a projector picture

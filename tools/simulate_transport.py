@@ -9,7 +9,7 @@ from counterlight.command import Arguments, Parser, command_line, conclusion, pa
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import BLUR_TOLERANCE
-from counterlight.tools.cluster_option import add_cluster, workers_of
+from counterlight.tools.shared_options import add_cluster, workers_of
 from counterlight.tools.shipped import parse_scene, shipped_scenes
 
 if TYPE_CHECKING:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, at_least_0, command_line, conclusion, parse_size, verb
 from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
-from counterlight.tools.cluster_option import add_cluster, workers_of
-from counterlight.tools.colour.option import add_colour
+from counterlight.tools.shared_options import add_cluster, add_colour, workers_of
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.writing.outputs import check_folder
 

@@ -18,8 +18,7 @@ from counterlight.command import Arguments, Parser, command_line, conclusion, te
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
-from counterlight.tools.colour.option import add_colour
-from counterlight.tools.objective_options import add_objective_options, aims_of
+from counterlight.tools.shared_options import add_colour, add_objective_options, aims_of
 from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
 

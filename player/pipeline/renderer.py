@@ -29,8 +29,7 @@ from counterlight.pipeline.refiner import Goal, Refiner
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.room_view import RoomView, Target
 from counterlight.pipeline.shortfall import Snapshot
-from counterlight.pipeline.shown_copies import ShownCopies
-from counterlight.pipeline.small_pictures import SmallPicture
+from counterlight.pipeline.shown_copies import ShownCopies, SmallPicture
 from counterlight.pipeline.stage_times import StageTimes
 from counterlight.pipeline.starts import Iterate, standing
 from counterlight.pipeline.view_blend import ViewBlend

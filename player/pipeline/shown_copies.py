@@ -1,6 +1,7 @@
-"""Small copies of each shown drive, for a process that watches the room (show/watching.py).
+"""Small copies of pictures on their device, for other processes: remote viewers, and a watcher (show/watching.py).
 
-A copy holds the pictures of all projectors, reduced by an integer factor, next to each other from the left.
+The watcher's copy of a shown drive holds the pictures of all projectors, reduced by an integer factor, next to each
+other from the left.
 """
 
 from collections.abc import Sequence
@@ -9,12 +10,15 @@ from typing import Generic
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.passes.certificate import BlockSum
 from counterlight.passes.drawing import Picture
 from counterlight.passes.means import Means, part
 from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.raster import Region, Shape
+from counterlight.response import Response
 
 FACTOR, NARROWEST = 4, 96  # factor of the reduction, and smallest width of a reduced picture
+LONGEST = 480  # most pixels of the longer side
 
 
 class ShownCopies(Owning, Generic[Picture]):
@@ -74,3 +78,23 @@ def reduced_boxes(regions: Sequence[Region], factor: int) -> list[Region]:
 def reduced_shape(boxes: Sequence[Region]) -> Shape:
     """Return the (height, width) of a copy."""
     return max(box.height for box in boxes), sum(box.width for box in boxes)
+
+
+class SmallPicture(Owning, Generic[Picture]):
+    """Means of blocks of linear light, as sRGB codes. Pixels left over at the right and lower edge are cut off.
+
+    shape : (height, width) of the pictures.
+    white : light of code 255.
+    """
+
+    def __init__(self, device: Device[Picture], shape: tuple[int, int], white: float) -> None:
+        self._side = side = -(-max(shape) // LONGEST)
+        small = max(1, shape[0] // side), max(1, shape[1] // side)
+        self._owner = Owner()
+        own = self._owner.own
+        with self._owner:
+            self._sums = own(device.canvas(small))
+            self._encoder = own(device.encoder(small, Response("srgb").over(small), white * side**2, "none"))
+
+    def run(self, light: Picture) -> Picture:
+        return self._encoder.run(self._sums.draw(BlockSum(light, self._side)), 0)

@@ -10,10 +10,9 @@ from typing import Any
 from counterlight.command import tell
 from counterlight.files.picture_files import write_png
 from counterlight.pipeline.value_types import FLAG, Choice, Number, UnreadError
-from counterlight.show.look import read_again
 from counterlight.show.placing import Placing
 from counterlight.show.previews import PREVIEWS, Previews
-from counterlight.show.properties import TIME, playback_of, properties_of
+from counterlight.show.properties import TIME, playback_of, properties_of, read_again
 from counterlight.show.registry import Command, CommandError, Commands
 from counterlight.show.renderers import not_reloaded
 from counterlight.show.session import Session

@@ -1,6 +1,7 @@
-"""Chooses the start and the number of steps of each frame by the user's options, the available time and estimates."""
+"""Chooses the start and the number of steps of each frame by options, time and estimates; draws it with these steps."""
 
 import math
+import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
@@ -8,7 +9,9 @@ from typing import Literal, TypeAlias
 
 from counterlight.command import tell
 from counterlight.pipeline.refinement import GOOD_ENOUGH_DB, MOST_OFFERED, MOST_STEPS, Offer, StepBudget
+from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.shortfall import Shortfall
+from counterlight.show.stats import Stats
 
 Steps: TypeAlias = int | Literal["auto"]
 Limit: TypeAlias = float | Literal["no"]
@@ -301,3 +304,28 @@ REMEDIES = {
 def remedy(stage_s: Mapping[str, float]) -> str:
     """Return the advice that shortens the longest stage."""
     return REMEDIES[max(stage_s, key=lambda stage: stage_s[stage])]
+
+
+def draw(
+    renderer: AnyRenderer,
+    governor: Governor,
+    stats: Stats,
+    view: str,
+    *,
+    compensate: bool,
+    frame: int,
+    timed: bool = True,
+) -> int:
+    """Render the uploaded frame, report its times to the governor and the statistics, and return its steps.
+
+    timed : also measure each stage, for which the renderer waits after each stage.
+    """
+    start, steps = time.perf_counter(), governor.steps
+    renderer.start_from(governor.start, governor.bare)
+    renderer.render(view, compensate=compensate, frame=frame, steps=steps, timed=timed)
+    renderer.finish()
+    seconds, stage_s = time.perf_counter() - start, renderer.stage_s if timed else {}
+    stats.add("gpu", seconds)
+    stats.add_stages(stage_s, steps)
+    governor.took(seconds, steps, stage_s)
+    return steps

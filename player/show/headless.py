@@ -19,8 +19,7 @@ from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.compiling import compile_passes
-from counterlight.show.drawing import draw
-from counterlight.show.governor import Governor
+from counterlight.show.governor import Governor, draw
 from counterlight.show.output import USUAL, Coding, open_output, write_picture
 from counterlight.show.rendering import WHOLE, Stretch
 from counterlight.show.stats import Stats

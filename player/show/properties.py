@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
+from counterlight.errors import InputError
+from counterlight.files.cube import Cube, read_cube
 from counterlight.pipeline.adjustments import KINDS
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.value_types import FLAG, Anything, Number
-from counterlight.show.look import look_properties
+from counterlight.show.lookup import LookUp
 from counterlight.show.playback import Playback
 from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
@@ -17,6 +20,7 @@ from counterlight.unattended.pjlink import Lamps
 
 TIME = Number(0, 1e9)
 UNREFINABLE = "no refinement: the maps were built without it; counterlight build adds it"
+READ_S = 1.0  # longest time that the show waits for a disk
 
 
 def properties_of(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
@@ -290,3 +294,30 @@ def refining(session: Session) -> dict[str, Property]:
             costly=True,
         ),
     }
+
+
+def look_properties(session: Session) -> dict[str, Property]:
+    def name() -> str:
+        cube = session.adjustments.lut
+        return "no" if cube is None else str(cube.path)
+
+    def put(name: object) -> None:
+        if not isinstance(name, str):
+            raise CommandError(f"lut: expected the name of a .cube file or no, found {name!r}")
+        cube = None if name in ("", "no") else _read(partial(session.programme.opener.cube, name))
+        session.adjust(replace(session.adjustments, lut=cube))
+
+    text = "colour table for the media, a .cube file"
+    return {"lut": Property(text, name, put, Anything("no, a path"))}
+
+
+def read_again(cube: Cube) -> Cube:
+    """Read the table's file again. Raises InputError if the file is damaged."""
+    return _read(partial(read_cube, cube.path))
+
+
+def _read(read: Callable[[], Cube]) -> Cube:
+    found = LookUp(read).result(READ_S)
+    if found is None:
+        raise InputError(f"lut: not read within {READ_S:g} s; copy it to a local disk")
+    return found

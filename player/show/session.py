@@ -20,9 +20,8 @@ from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
 from counterlight.show.beginning import NO_SOUND, PLAYING, SHOWING, Playing, Showing, Sound
 from counterlight.show.display import Display
-from counterlight.show.drawing import draw
 from counterlight.show.fading import FADE_WAIT_S, Fade, Leaving
-from counterlight.show.governor import Governor
+from counterlight.show.governor import Governor, draw
 from counterlight.show.hearing import Hearing
 from counterlight.show.lateness import Lateness
 from counterlight.show.media import Media

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from counterlight.gl.device import GlDevice
-from counterlight.pipeline.small_pictures import LONGEST, SmallPicture
+from counterlight.pipeline.shown_copies import LONGEST, SmallPicture
 from counterlight.pipeline.views import VIEWS
 from counterlight.response import Response
 from tests.oracles import encoding

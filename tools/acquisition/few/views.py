@@ -21,9 +21,8 @@ from counterlight.tools.acquisition.few.fitting import Fit, fitted
 from counterlight.tools.acquisition.few.held_out import RAMPS_ALONE, Held, bend_by, check_ramps, held_out
 from counterlight.tools.acquisition.few.order import Order
 from counterlight.tools.acquisition.few.places import located
-from counterlight.tools.acquisition.few.reference import noise_by_neighbours, reference
 from counterlight.tools.acquisition.few.response import Curves, curves_of
-from counterlight.tools.acquisition.few.seen import SUMMED, Seen
+from counterlight.tools.acquisition.few.seen import SUMMED, Seen, noise_by_neighbours, reference
 from counterlight.tools.acquisition.linearity import Bend
 from counterlight.tools.acquisition.plan import Noise, Reference
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight, crosstalk
