@@ -1,13 +1,19 @@
 """Prediction intervals: on noise of known size, and stored with a room."""
 
+import re
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from counterlight import calibration
+from counterlight import app, calibration
 from counterlight.calibration import INTERVAL
 from counterlight.errors import InputError
+from counterlight.pipeline.room import read_room
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.transport.interval import Interval, fit_interval, read_interval, write_interval
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
 from tests.real.measures import coverage
@@ -108,3 +114,30 @@ def test_an_interval_is_stored_with_a_room_and_damage_is_refused(rng: np.random.
         damaged.put(INTERVAL, (tmp_path / INTERVAL).read_bytes())
         with pytest.raises(InputError, match=rf"interval\.npz: not the prediction interval .*{complaint}"):
             read_interval(calibration.read(folder))
+
+
+def test_the_view_error_of_a_built_room_says_how_far_pictures_arrive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain, folder, shape = tmp_path / "plain", tmp_path / "room", (21, 30)
+    write_one_to_one_room(plain, shape)
+    growth, local = np.full((3, 2), (1e-4, 3e-4)), np.ones((3, 4, 3))
+    with calibration.writing(folder, calibration.read(plain).calibration) as stage:
+        for path in plain.glob("transport_*.npz"):
+            shutil.copy(path, stage)
+        write_interval(Interval(growth, local), stage)
+    cv2.imwrite(str(tmp_path / "picture.png"), np.full((*shape, 3), 128, np.uint8))
+    for room in (plain, folder):
+        build_room_maps(calibration.read(room), InverseOptions(), refine=False)
+    assert read_room(plain, None).expected is None
+    words = [str(folder), str(tmp_path / "picture.png"), "--no-config", "--view", "error"]
+    assert app.main([*words, "--output", str(tmp_path / "error.png")]) == 0
+    said = capsys.readouterr().out
+    white = float(re.findall(r"white is a camera radiance of (\S+)", said)[-1])
+    black, bright = re.findall(r"9 of 10 pixels arrive within (\S+) % \(black\) to (\S+) % \(white\)", said)[0]
+    assert float(black) == pytest.approx(100 * 0.01 / white, rel=0.02)
+    assert float(bright) == pytest.approx(100 * np.sqrt(1e-4 + 3e-4 * white) / white, rel=0.02)
+    manifest = folder / "correction" / "manifest.toml"
+    manifest.write_text(re.sub(r"(\[interval\]\nblack = ).*", r"\1-1", manifest.read_text()))
+    with pytest.raises(InputError, match=r"manifest.toml: \[interval\].*black.*rebuild"):
+        read_room(folder, None)

@@ -44,6 +44,10 @@ class Interval:
         """Return w of a predicted camera picture, (height, width, 3), in its unit."""
         return np.asarray(np.sqrt(_at_pixels(self.local, predicted.shape[:2]) * _variance(predicted, self.growth)))
 
+    def typical(self, light: float, counted: BoolArray) -> float:
+        """Return the median of w over the counted pixels of an even camera picture."""
+        return float(np.median(self.half_width(np.full((*counted.shape, 3), light))[counted]))
+
     def inside(self, predicted: Pictures, captured: Pictures) -> BoolArray:
         """Return which values of a captured picture are in the interval, (height, width, 3)."""
         return np.asarray(np.abs(captured - predicted) <= self.half_width(predicted))
