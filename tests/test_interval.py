@@ -14,7 +14,14 @@ from counterlight.errors import InputError
 from counterlight.pipeline.room import read_room
 from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.near_light import InverseOptions
-from counterlight.tools.transport.interval import Interval, fit_interval, read_interval, write_interval
+from counterlight.tools.transport.interval import (
+    Expected,
+    Interval,
+    expected_quality,
+    fit_interval,
+    read_interval,
+    write_interval,
+)
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
 from tests.real.measures import coverage
 from tests.rooms import write_one_to_one_room
@@ -85,6 +92,21 @@ def test_captures_without_error_have_an_interval_of_almost_no_width(rng: np.rand
     interval = fit_interval(light, light, COUNTED)
     assert interval.inside(light[0], light[0]).all()
     assert interval.half_width(light[0]).max() < 1e-3
+
+
+def test_the_expected_quality_leaves_out_the_cameras_noise(rng: np.random.Generator) -> None:
+    """Errors of 1 % of white and a camera's noise of twice as much: 40 dB, and 33 dB with the noise."""
+    light = rng.uniform(0.2, 1, (6, *SHAPE, 3)) * 3
+    captured = light + 0.03 * rng.normal(size=light.shape) + 0.06 * rng.normal(size=light.shape)
+    interval = fit_interval(light, captured, COUNTED)
+    found = [expected_quality(interval, light, captured, COUNTED, 3.0, noise) for noise in (0.0, 0.8)]
+    assert [each.decibels for each in found] == pytest.approx([33.01, 40], abs=0.05)
+    assert [Expected(decibels, 0).words for decibels in (40, 39.9, 27.9)] == [
+        "hardly visible errors",
+        "small errors",
+        "clear errors",
+    ]
+    np.testing.assert_allclose([each.within for each in found], 1.645 * np.sqrt(5) * 0.01, rtol=0.02)  # of a Gaussian
 
 
 def test_an_interval_is_stored_with_a_room_and_damage_is_refused(rng: np.random.Generator, tmp_path: Path) -> None:

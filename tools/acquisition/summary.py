@@ -14,6 +14,7 @@ from counterlight.tools.acquisition.room_options import ASSUMED_LINE
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.joining.shared_screen import Placed
+from counterlight.tools.transport.interval import Expected
 
 EVEN, LIFTED = 0.002, 0.5  # shares of white: smallest uneven black (code 7 of sRGB); highest level of black
 SUSPECT = 3.0  # multiple of the camera's noise that the check's error may reach
@@ -246,6 +247,7 @@ class AcquisitionReport:
     black : captured black of several projectors, whose black levels add up where they overlap.
     colours : lines on projectors that show primaries of others.
     placed : how each of several cameras was placed on the screen.
+    expected : quality on the wall; None for several projectors or cameras.
     """
 
     projectors: tuple[ProjectorReport, ...]
@@ -257,6 +259,7 @@ class AcquisitionReport:
     black: Black | None = None
     colours: tuple[str, ...] = ()
     placed: tuple[Placed, ...] = ()
+    expected: Expected | None = None
 
     def __str__(self) -> str:
         return "\n".join(self.lines(verbose=True))
@@ -267,6 +270,7 @@ class AcquisitionReport:
         clusters = f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels"
         whose = "projector's" if len(self.projectors) == 1 else "projectors'"
         return [
+            *([str(self.expected)] if self.expected else []),
             *self._of_each(lambda each: each.taken),
             f"coverage: {100 * self.covered:.1f} % of the {whose} pixels seen, {self.lit} of {self.camera_pixels} "
             "camera pixels lit",
