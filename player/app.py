@@ -105,6 +105,8 @@ def _reported_room(options: argparse.Namespace) -> Room:
     if outside is not None:
         tell(outside)
     tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white == 'auto' else ''}", sys.stdout)
+    if options.view == "error" and room.expected:
+        tell(f"what the view error leaves out: {room.expected}", sys.stdout)
     return room
 
 

@@ -230,6 +230,7 @@ class Stage:
         self.fresh: list[Any] = []
         self.refinable, self.drifts = True, False
         self.drifted: dict[str, Any] | None = None
+        self.expected: str | None = None
         self.outside: Callable[[Viewpoint], str | None] = lambda viewpoint: None
         watching = options.pop("watching", None)  # makes the watching for a session
         self.read_last: Any = None

@@ -1,6 +1,7 @@
 """Acquisition of T in simulated rooms: interruptions, folders, bad captures, end to end."""
 
 import filecmp
+import json
 import re
 import resource
 import shutil
@@ -437,6 +438,14 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         for name in ("true", "acquired")
     ]
     assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+    expected = json.loads((tmp_path / "acquired.report" / "report.json").read_text())["expected"]["decibels"]
+    drive = np.random.default_rng(3).uniform(0, 1, (12, 16, 3)).repeat(4, axis=0).repeat(4, axis=1).reshape(-1, 3)
+    seen = [
+        T.apply(drive).reshape(flood.shape) for T in (truth, read_transport(calibration.read(tmp_path / "acquired")))
+    ]
+    seen = [light + each.ambient for light, each in zip(seen, (room, acquired), strict=True)]
+    # Noise explains at most nine tenths of the error in the checks, so that the room may be better than expected.
+    assert 45 < expected < camera_psnr(*seen, acquired.mask, white) + 1
 
     picture = tmp_path / "picture.png"
     write_png(
@@ -466,8 +475,13 @@ def test_the_next_command_and_missing_coverage_are_said(
     words = ["--camera", f"simulated:{tmp_path / 'wall'}", "--shots", "1", "--no-preflight", "-o", str(output)]
     assert acquire_transport.main(words) == 0
     printed = capsys.readouterr()
-    result, action = printed.out.splitlines()[-1].split("; next: ")
-    assert re.fullmatch(rf"{output}: measured, \d+\.\d % of the projector's pixels seen", result)
+    first, *_, last = printed.out.splitlines()
+    result, action = last.split("; next: ")
+    coverage = rf"{output}: measured, \d+\.\d % of the projector's pixels seen"
+    said = re.fullmatch(rf"{coverage}, (\w+ .*errors) expected on the wall \((.*) dB\)", result)
+    assert said
+    assert first.startswith(f"expected on the wall: {said[1]}. A picture arrives to about {said[2]} dB, and 9 of 10")
+    assert f"<p>{first}</p>" in (tmp_path / "a room.report" / "index.html").read_text()
     assert action == f"counterlight build '{output}'"
     assert "clusters" not in printed.out
     exposures = len(list((tmp_path / "a room.captures").rglob("*.png")))

@@ -139,8 +139,11 @@ def test_the_command_makes_a_room_that_build_accepts(
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert re.search(r"16 pairs matched by number; 2 held-out captures predicted to \d+\.\d dB", printed)
-    assert re.search(r"expected on the wall: .+\. A picture arrives to about \d+\.\d dB, and 9 of 10 camera", printed)
-    assert printed.endswith(f"next: counterlight build {room}\n")
+    first, *_, last = printed.splitlines()
+    said = re.fullmatch(r"(\w+ errors) expected on the wall \((\d+\.\d) dB\)", last.split(";")[0].split(" s, ")[1])
+    assert said
+    assert f": expected on the wall: {said[1]}. A picture arrives to about {said[2]} dB, and 9 of 10 camera" in first
+    assert last.endswith(f"next: counterlight build {room}")
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)
     assert (stored.calibration.projector.shape, stored.calibration.camera.shape) == (PROJECTOR, CAMERA)

@@ -1,14 +1,27 @@
 """Prediction intervals: on noise of known size, and stored with a room."""
 
+import re
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from counterlight import calibration
+from counterlight import app, calibration
 from counterlight.calibration import INTERVAL
 from counterlight.errors import InputError
-from counterlight.tools.transport.interval import Interval, fit_interval, read_interval, write_interval
+from counterlight.pipeline.room import read_room
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
+from counterlight.tools.transport.interval import (
+    Expected,
+    Interval,
+    expected_quality,
+    fit_interval,
+    read_interval,
+    write_interval,
+)
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
 from tests.real.measures import coverage
 from tests.rooms import write_one_to_one_room
@@ -81,6 +94,21 @@ def test_captures_without_error_have_an_interval_of_almost_no_width(rng: np.rand
     assert interval.half_width(light[0]).max() < 1e-3
 
 
+def test_the_expected_quality_leaves_out_the_cameras_noise(rng: np.random.Generator) -> None:
+    """Errors of 1 % of white and a camera's noise of twice as much: 40 dB, and 33 dB with the noise."""
+    light = rng.uniform(0.2, 1, (6, *SHAPE, 3)) * 3
+    captured = light + 0.03 * rng.normal(size=light.shape) + 0.06 * rng.normal(size=light.shape)
+    interval = fit_interval(light, captured, COUNTED)
+    found = [expected_quality(interval, light, captured, COUNTED, 3.0, noise) for noise in (0.0, 0.8)]
+    assert [each.decibels for each in found] == pytest.approx([33.01, 40], abs=0.05)
+    assert [Expected(decibels, 0).words for decibels in (40, 39.9, 27.9)] == [
+        "hardly visible errors",
+        "small errors",
+        "clear errors",
+    ]
+    np.testing.assert_allclose([each.within for each in found], 1.645 * np.sqrt(5) * 0.01, rtol=0.02)  # of a Gaussian
+
+
 def test_an_interval_is_stored_with_a_room_and_damage_is_refused(rng: np.random.Generator, tmp_path: Path) -> None:
     plain, folder = tmp_path / "plain", tmp_path / "room"
     write_one_to_one_room(plain, SHAPE)
@@ -108,3 +136,30 @@ def test_an_interval_is_stored_with_a_room_and_damage_is_refused(rng: np.random.
         damaged.put(INTERVAL, (tmp_path / INTERVAL).read_bytes())
         with pytest.raises(InputError, match=rf"interval\.npz: not the prediction interval .*{complaint}"):
             read_interval(calibration.read(folder))
+
+
+def test_the_view_error_of_a_built_room_says_how_far_pictures_arrive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain, folder, shape = tmp_path / "plain", tmp_path / "room", (21, 30)
+    write_one_to_one_room(plain, shape)
+    growth, local = np.full((3, 2), (1e-4, 3e-4)), np.ones((3, 4, 3))
+    with calibration.writing(folder, calibration.read(plain).calibration) as stage:
+        for path in plain.glob("transport_*.npz"):
+            shutil.copy(path, stage)
+        write_interval(Interval(growth, local), stage)
+    cv2.imwrite(str(tmp_path / "picture.png"), np.full((*shape, 3), 128, np.uint8))
+    for room in (plain, folder):
+        build_room_maps(calibration.read(room), InverseOptions(), refine=False)
+    assert read_room(plain, None).expected is None
+    words = [str(folder), str(tmp_path / "picture.png"), "--no-config", "--view", "error"]
+    assert app.main([*words, "--output", str(tmp_path / "error.png")]) == 0
+    said = capsys.readouterr().out
+    white = float(re.findall(r"white is a camera radiance of (\S+)", said)[-1])
+    black, bright = re.findall(r"9 of 10 pixels arrive within (\S+) % \(black\) to (\S+) % \(white\)", said)[0]
+    assert float(black) == pytest.approx(100 * 0.01 / white, rel=0.02)
+    assert float(bright) == pytest.approx(100 * np.sqrt(1e-4 + 3e-4 * white) / white, rel=0.02)
+    manifest = folder / "correction" / "manifest.toml"
+    manifest.write_text(re.sub(r"(\[interval\]\nblack = ).*", r"\1-1", manifest.read_text()))
+    with pytest.raises(InputError, match=r"manifest.toml: \[interval\].*black.*rebuild"):
+        read_room(folder, None)

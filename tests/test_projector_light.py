@@ -189,6 +189,30 @@ def test_colour_processing_is_measured_and_taken_out(rng: np.random.Generator, m
     assert np.abs(together - whole @ np.diag(mixing.sum(axis=1))).mean() < 0.01 * whole.mean()
 
 
+def dull(codes: FloatArray) -> FloatArray:
+    """Model a mode for white: a primary alone has 80 % of its share of white."""
+    others = (np.roll(codes, 1, axis=1) + np.roll(codes, 2, axis=1)) / 2
+    return np.asarray(codes**2.2 * (1 - 0.2 * (1 - others)))
+
+
+def test_colours_beyond_the_projector_are_reported(rng: np.random.Generator) -> None:
+    light = report_on(acquired(rng, dull)).light
+    found = re.fullmatch(
+        r"unreachable: (\S+) % of a picture's colours need more light than the projector gives them; full "
+        r"(red|green|blue) arrives at (\d+) %; all colours arrive with --white at (\d+) % of the room's white level",
+        light[-1],
+    )
+    assert found, light
+    wanted = srgb(np.stack(np.meshgrid(*[np.linspace(0, 1, 17)] * 3), axis=-1).reshape(-1, 3))
+    codes = np.ones_like(wanted)
+    for _ in range(60):  # each round corrects every code alone
+        codes = np.minimum(codes * (wanted / np.maximum(dull(codes), 1e-9)) ** (1 / 2.2), 1)
+    beyond = np.any(dull(codes) < wanted - 0.02, axis=1)
+    assert float(found[1]) == pytest.approx(100 * beyond.mean(), abs=1)  # B is measured within a hundredth
+    assert int(found[3]) == pytest.approx(80, abs=1)
+    assert int(found[4]) == pytest.approx(82, abs=1)  # a loss of 2 % of white is ignored
+
+
 def test_whether_colours_are_captured_is_chosen_once_and_not_for_captures_of_older_versions(tmp_path: Path) -> None:
     wanted = Wanted(tmp_path / "room")
     with store.open_store(tmp_path / "captures", {}, Exposures((1.0,)), wanted) as first:

@@ -1,16 +1,19 @@
 """Transfer curves: known values, inverses, and refusals."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.files.tables import Table
-from counterlight.passes.encode import encoded
+from counterlight.passes.encode import encoded, reached
 from counterlight.processing import LEVELS
 from counterlight.raster import side_by_side
-from counterlight.response import RasterResponse, parse_response, read_response, transfer_table
+from counterlight.response import RasterResponse, Response, parse_response, read_response, transfer_table
 from tests.oracles.encoding import encode
+from tests.rooms import SEGMENT
 
 
 @pytest.mark.parametrize("value", ["linear", "srgb", 0.6, 1.0, 1.8, 2.2, 2.4, "2.2", [[0.0], [0.1], [0.5], [1.0]]])
@@ -72,14 +75,42 @@ def vivid(codes: FloatArray) -> FloatArray:
 
 def test_colour_processing_is_undone(rng: np.random.Generator) -> None:
     """The test recomputes the projector's light r(c) B(c); B is linear in each code, as between the samples."""
-    steps = np.linspace(0, 1, LEVELS)
-    codes = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    response = read_response(Table({"response": 2.2, "processing": vivid(codes).tolist()}, "here", "fix"))
+    response = processed(vivid)
     wanted = rng.uniform(size=(40, 30, 3)) ** np.array([1, 2, 3])
     codes = encoded(wanted, response.over((40, 30))) / 255
     shown = codes**2.2 * vivid(codes)
     assert np.abs(shown - wanted).max() < 2.2 / 255  # half a code at gamma 2.2 is 1.1 codes of light
     np.testing.assert_allclose(response.to_linear(codes), shown, atol=1e-12)
+
+
+def dull(codes: FloatArray) -> FloatArray:
+    """Return B of a projector whose primaries alone give 70, 75 and 80 % of their share of white."""
+    others = np.array([0.7, 0.4, 0.6]) * np.roll(codes, -1, axis=-1) + [0.3, 0.6, 0.4] * np.roll(codes, -2, axis=-1)
+    return np.asarray(1 - [0.3, 0.25, 0.2] * (1 - others))
+
+
+def processed(factor: Callable[[FloatArray], FloatArray]) -> Response:
+    """Return a projector of gamma 2.2 with colour processing."""
+    steps = np.linspace(0, 1, LEVELS)
+    codes = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    return read_response(Table({"response": 2.2, "processing": factor(codes).tolist()}, "here", "fix"))
+
+
+def test_colours_that_no_codes_give_arrive_darker_and_all_others_as_wanted(rng: np.random.Generator) -> None:
+    wanted = np.concatenate([np.eye(3), 1 - np.eye(3), np.ones((1, 3)), rng.uniform(0, 1, (100, 3)) ** 2])[None]
+    shape = wanted.shape[:2]
+    np.testing.assert_array_equal(reached(wanted, processed(vivid).over(shape)), wanted)
+    np.testing.assert_array_equal(reached(wanted, Response("gamma", segment=SEGMENT).over(shape)), wanted)
+    found = reached(wanted, processed(dull).over(shape))[0]
+    np.testing.assert_allclose(found[:3], np.diag([0.7, 0.75, 0.8]), atol=1e-9)
+    np.testing.assert_array_equal(found[6], 1)
+    steps = np.linspace(0, 1, 33)
+    codes = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    given, missed = codes**2.2 * dull(codes), np.any(found != wanted[0], axis=1)
+    assert 10 < missed.sum() < 80
+    for light in wanted[0, ~missed]:
+        assert np.abs(given - light).max(axis=1).min() < 0.05  # a step of codes changes the light by up to 0.09
+    assert np.all(encoded(wanted, processed(dull).over(shape))[0][found < wanted[0]] == 255)
 
 
 @pytest.mark.parametrize(

@@ -221,6 +221,11 @@ def test_views_that_are_maps_say_what_their_colours_mean(stage: Stage) -> None:
         stage.advance(0.05)
         page = stage.screen.pages[-1]
         assert (len(page.legends) if page else 0) == count
+    stage.expected = "9 of 10 pixels arrive within 1 % of white"
+    for view, last in (("error", stage.expected), ("impossible", "does not count")):
+        stage.commands.set("view", view)
+        stage.advance(0.05)
+        assert stage.screen.pages[-1].legends[-1].text == last
     stage.commands.set("view", "projector")
     stage.commands.set("clipping", True)
     stage.advance(0.05)

@@ -17,6 +17,7 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 from counterlight import calibration
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.files import exr
+from counterlight.processing import LEVELS, Processing
 from counterlight.response import Response
 from counterlight.tools import build_correction_map
 from counterlight.tools.clusters.components import NonFiniteError
@@ -305,3 +306,21 @@ def test_command_needs_a_map_and_a_fitting_picture(room: tuple[StoredCalibration
     assert (done.returncode, "direct" in done.stdout, list(tmp_path.glob("p*.png"))) == (2, False, [])
     exr.write_rgb(tmp_path / "small.exr", np.ones((4, 5, 3), np.float32))
     assert "5x4" in fail("compensate", room[0].folder, tmp_path / "small.exr")
+
+
+def test_colours_that_the_projector_cannot_show_count_as_clipped_and_as_errors(rng: np.random.Generator) -> None:
+    """On a wall of one camera pixel per projector pixel, a primary alone arrives at 80 % of its share of white."""
+    shape = (4, 6)
+    samples = tuple((1.0, 1.0, 1.0) if number == LEVELS**3 - 1 else (0.8, 0.8, 0.8) for number in range(LEVELS**3))
+    dull = Device(*shape, Response("srgb", processing=Processing(samples)))
+    T = sparse.csr_array(sparse.eye_array(shape[0] * shape[1]), dtype=np.float32)
+    ambient = np.zeros((*shape, 3), np.float32)
+    room = Calibration("dull", "a test", (dull,), Device(*shape, Response("linear")), ambient, np.ones(shape, bool))
+    picture = np.full((*shape, 3), 0.5)
+    picture[:2] = 1, 0, 0
+    task = CompensationTask(
+        tier_of(room, Transport.from_matrices((T, T, T))), picture, radiance=False, options=CompensateOptions(("box",))
+    )
+    (found,) = task.run(picture)
+    assert found.clipped == pytest.approx(1 / 6, abs=1e-9)  # red, of three channels, in half of the picture
+    assert found.quality.psnr == pytest.approx(-10 * np.log10(0.2**2 / 6), abs=0.01)

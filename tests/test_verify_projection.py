@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 from contextlib import redirect_stdout
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ import pytest
 from counterlight import calibration
 from counterlight.files import exr
 from counterlight.pipeline.drift import read_drift
+from counterlight.processing import LEVELS, Processing
+from counterlight.response import Response
 from counterlight.tools import acquire_transport, verify_projection
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.acquisition.preflight import CHECKS
@@ -144,6 +147,27 @@ def test_nothing_is_shown_before_everything_is_checked(
     assert verify_projection.main([str(rooms / "acquired"), *camera, *words]) == 2
     assert complaint in capsys.readouterr().err
     assert list((tmp_path / "exchange").iterdir()) == []
+
+
+def test_colours_that_the_projector_cannot_show_are_counted(
+    wall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A primary alone gives 60 % of its share of white, and the left half of the picture is red."""
+    stored = calibration.read(wall)
+    samples = ((0.6,) * 3,) * (LEVELS**3 - 1) + ((1.0,) * 3,)
+    dull = replace(stored.calibration.projector, response=Response("srgb", processing=Processing(samples)))
+    with calibration.writing(tmp_path / "dull", replace(stored.calibration, projectors=(dull,))) as stage:
+        write_transport(read_transport(stored), stage)
+    picture = np.zeros((54, 75, 3), np.uint8)
+    picture[:, :37, 2] = 255
+    cv2.imwrite(str(tmp_path / "red.png"), picture)
+    words = [str(tmp_path / "dull"), str(tmp_path / "red.png"), "--camera", f"simulated:{tmp_path / 'dull'}"]
+    assert verify_projection.main([*words, "-o", str(tmp_path / "seen")]) == 0
+    found = re.search(r"  (\S+) % of the pixels need brighter colours than", capsys.readouterr().out)
+    assert found
+    full = 100 * np.mean(cv2.imread(str(tmp_path / "seen" / "projected.png")).max(axis=2) == 255)
+    assert full - 2 < float(found[1]) <= full + 0.1  # a loss of 2 % of white is ignored
+    assert full > 10
 
 
 # Changed rooms: the message, and whether the correction undoes the change.

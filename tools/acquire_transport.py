@@ -87,6 +87,7 @@ def main(argv: Sequence[str] | None) -> None:
             print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
         result = f"{output}: measured, {100 * report.covered:.1f} % of the projector's pixels seen"
+        result += f", {report.expected.short}" if report.expected else ""
         print(conclusion(result, command_line("build", output)))
 
 

@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None) -> None:
         options.pictures, options.photographs, options.output, pairs_options, name=options.name, force=options.force
     )
     print(f"{options.output}: {summary}")
-    result = f"{options.output}: imported in {time.monotonic() - start:.1f} s"
+    result = f"{options.output}: imported in {time.monotonic() - start:.1f} s, {summary.expected.short}"
     print(conclusion(result, command_line("build", options.output)))
 
 

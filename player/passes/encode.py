@@ -13,6 +13,7 @@ from counterlight.response import RasterResponse
 SHADER = "encode.frag"
 NO_DITHER, ORDERED, NOISE = range(3)
 DITHERS = "none", "ordered", "noise"
+SHORT = 0.02  # share of full light; rounding to 8 bits and the tables lose less
 
 
 class Encode:
@@ -47,6 +48,15 @@ def encoded(light: NDArray[np.floating], response: RasterResponse, scale: float 
     codes = np.empty(light.shape, np.uint8)
     Encode(response, scale, "none").fill(np.ascontiguousarray(light, np.float32), 0, codes)
     return codes
+
+
+def reached(light: NDArray[np.floating], response: RasterResponse) -> NDArray[np.float64]:
+    """Return a picture's light, 0 to 1, with what arrives instead where no code values give it, (height, width, 3).
+
+    Colour processing, a white segment or other primaries put colours out of reach. Losses below SHORT are ignored.
+    """
+    arriving = response.to_linear(encoded(light, response))
+    return np.where(arriving < light - SHORT, arriving, light.astype(np.float64))
 
 
 def _bayer() -> Array:

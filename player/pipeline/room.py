@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight.arrays import brief
-from counterlight.calibration import Calibration
+from counterlight.calibration import RADIANCE, Calibration
 from counterlight.errors import InputError, nearest
 from counterlight.files.manifest import read_steadily
+from counterlight.files.tables import Table
 from counterlight.maps import room_maps as maps
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps
@@ -33,6 +34,8 @@ class Room:
     start : where refinement starts; one of counterlight.pipeline.refinement.STARTS.
     drift : changes since the calibration, if checked; None otherwise. `calibration` then holds the current ambient
         light.
+    within : radiance within which 9 of 10 values of a typical camera pixel arrive, in black and in white; None if the
+        calibration has no interval.
     others : the further views of a set; this room is the first view.
     places : where all views of a set stand.
     """
@@ -43,6 +46,7 @@ class Room:
     dither: str = "ordered"
     start: str = "previous"
     drift: Drift | None = None
+    within: tuple[float, float] | None = None
     others: tuple["Room", ...] = ()
     places: Places | None = None
 
@@ -68,6 +72,14 @@ class Room:
                 "counterlight join VIEW… --at X[,Y]… -o FOLDER"
             )
         return np.ones(1)
+
+    @property
+    def expected(self) -> str | None:
+        """How far a picture arrives from its prediction; None if the calibration has no interval."""
+        if self.within is None:
+            return None
+        black, white = (100 * each / self.white for each in self.within)
+        return f"9 of 10 pixels arrive within {black:.2g} % (black) to {white:.2g} % (white) of white"
 
     @property
     def drifted(self) -> dict[str, Any] | None:
@@ -139,7 +151,9 @@ def read_room(
     )
     reachable = room_maps.white * (1.0 if drift is None else drift.dimming)
     level = reachable if white is None else white
-    return Room(calibration, room_maps, level, dither, start or start_of(room_maps, folder), drift)
+    return Room(
+        calibration, room_maps, level, dither, start or start_of(room_maps, folder), drift, _within(room_maps, folder)
+    )
 
 
 def _read_set(folder: Path, white: float | None, *options: Any, refinement: bool, words: bool) -> Room:
@@ -162,9 +176,21 @@ def start_of(room_maps: RoomMaps, folder: Path | None = None) -> str:
 
 
 def _advice(room_maps: RoomMaps, folder: Path | None = None) -> Advice | None:
-    where = "maps" if folder is None else f"{folder / maps.FOLDER / maps.MANIFEST}"
-    fix = "" if folder is None else f"rebuild it with: counterlight build {folder}"
-    return advice_of(room_maps.details, where, fix)
+    return advice_of(room_maps.details, *_place(folder))
+
+
+def _within(room_maps: RoomMaps, folder: Path) -> tuple[float, float] | None:
+    table = Table(room_maps.details, *_place(folder)).table("interval", optional=True)
+    if not table.values:
+        return None
+    return table.number("black", None, 0, RADIANCE[1]), table.number("white", None, 0, RADIANCE[1])
+
+
+def _place(folder: Path | None) -> tuple[str, str]:
+    """Return the maps' name for messages, and the remedy."""
+    if folder is None:
+        return "maps", ""
+    return f"{folder / maps.FOLDER / maps.MANIFEST}", f"rebuild it with: counterlight build {folder}"
 
 
 def _read(folder: Path, *, refinement: bool, words: bool) -> tuple[Calibration, RoomMaps, Drift | None]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from counterlight.overlay.osd import MESSAGE_SIZE, Legend, Page, pages
 from counterlight.overlay.outline import Outline
-from counterlight.pipeline.views import CLIPPING_LEGEND, LEGENDS
+from counterlight.pipeline.views import CLIPPING_LEGEND, LEGENDS, RIGHT
 from counterlight.show.keys import Keys
 from counterlight.show.session import Session
 from counterlight.show.stats_page import stats_page
@@ -70,4 +70,5 @@ class Overlay:
         clipping = (
             CLIPPING_LEGEND if session.adjustments.clipping and compensated and session.view != "impossible" else ()
         )
-        return tuple(Legend(*row) for row in (*LEGENDS.get(session.view, ()), *clipping))
+        expected = ((RIGHT, session.room.expected),) if session.view == "error" and session.room.expected else ()
+        return tuple(Legend(*row) for row in (*LEGENDS.get(session.view, ()), *expected, *clipping))

@@ -78,6 +78,11 @@ class RoomInUse:
         return self._room.calibration.placed_on
 
     @property
+    def expected(self) -> str | None:
+        """How far a picture arrives from its prediction; None if the calibration does not say."""
+        return self._seen.expected
+
+    @property
     def drifted(self) -> dict[str, Any] | None:
         """Result of the last check, for JSON. None without a check."""
         return self._room.drifted

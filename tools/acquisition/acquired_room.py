@@ -34,7 +34,13 @@ from counterlight.tools.factoring.factoring import Factoring, compacted, factore
 from counterlight.tools.joining.projectors import colour_lines, joined, with_monitors
 from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.solve.box import CHECK_EVERY, Box
-from counterlight.tools.transport.interval import Interval, fit_interval, write_interval
+from counterlight.tools.transport.interval import (
+    Expected,
+    Interval,
+    expected_quality,
+    fit_interval,
+    write_interval,
+)
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import write_transport
@@ -42,6 +48,7 @@ from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
 
 MOST_OF_BLACK = 1, 99  # percentiles, which ignore single hot pixels
+MOST_NOISE = 0.9  # largest share of the checks' squared error that counts as noise, which is known to a tenth
 MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried here; the build always tries it
 
 
@@ -86,12 +93,13 @@ def acquire_room(
             found = _together(parts, plan.monitors, views_of(camera))
             room, transport = found.calibration, found.transport
             write_transport(transport, stage)
-            if (interval := _interval(parts, found)) is not None:
-                write_interval(interval, stage)
+            judged = _judged(parts, found)
+            if judged is not None:
+                write_interval(judged[0], stage)
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(parts, found, plan.response)
+    return _report(parts, found, plan.response, None if judged is None else judged[1])
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
@@ -173,19 +181,23 @@ def _lit(
     return mask
 
 
-def _interval(parts: Sequence[_Part], found: SharedRoom) -> Interval | None:
-    """Fit a prediction interval to the two random pictures that no scheme has seen.
+def _judged(parts: Sequence[_Part], found: SharedRoom) -> tuple[Interval, Expected] | None:
+    """Fit a prediction interval to the two random pictures that no scheme has seen, and judge the room by them.
 
     The interval is for light in the screen's primaries. Returns None for several projectors or cameras.
     """
     room, done = found.calibration, parts[0].done
-    checks = [check.lights for check in (done.check, done.coloured) if check and check.lights is not None]
-    if len(checks) < 2 or len(parts) > 1 or len(room.cameras) > 1:
+    checks = [check for check in (done.check, done.coloured) if check]
+    lights = [check.lights for check in checks if check.lights is not None]
+    if len(lights) < 2 or len(parts) > 1 or len(room.cameras) > 1:
         return None
-    mixing = tier_of(room, found.transport).mixing
-    pairs = [[mixing.on_screen(each.reshape(room.ambient.shape) + done.room.black) for each in pair] for pair in checks]
+    tier = tier_of(room, found.transport)
+    on_screen = tier.mixing.on_screen
+    pairs = [[on_screen(each.reshape(room.ambient.shape) + done.room.black) for each in pair] for pair in lights]
     predicted, captured = np.swapaxes(np.array(pairs, np.float64), 0, 1)
-    return fit_interval(predicted, captured, room.mask)
+    interval = fit_interval(predicted, captured, room.mask)
+    noise = np.mean([min((check.noise / max(check.error, 1e-12)) ** 2, MOST_NOISE) for check in checks])
+    return interval, expected_quality(interval, predicted, captured, room.mask, tier.white, float(noise))
 
 
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:
@@ -195,7 +207,9 @@ def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Res
     return (light.response, light.fit) if light else (ASSUMED, "sRGB assumed")
 
 
-def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -> AcquisitionReport:
+def _report(
+    parts: Sequence[_Part], found: SharedRoom, given: Response | None, expected: Expected | None
+) -> AcquisitionReport:
     room, transport = found.calibration, found.transport
     indices = transport.near.indices
     return AcquisitionReport(
@@ -208,6 +222,7 @@ def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -
         black=_black(room, transport) if len(parts) > 1 else None,
         colours=tuple(colour_lines(room.projectors)),
         placed=found.placed,
+        expected=expected,
     )
 
 

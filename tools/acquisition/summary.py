@@ -6,19 +6,64 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterlight.arrays import BoolArray
-from counterlight.response import Response
+from counterlight.passes.encode import reached
+from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.joining.shared_screen import Placed
+from counterlight.tools.transport.interval import Expected
 
 EVEN, LIFTED = 0.002, 0.5  # shares of white: smallest uneven black (code 7 of sRGB); highest level of black
 SUSPECT = 3.0  # multiple of the camera's noise that the check's error may reach
 OFF_COLOUR = 2.0, 0.02  # limit of the coloured check's unexplained error: this multiple of the check's, plus a margin
 COVERED = 0.98  # share of the projector's pixels; a room with less coverage causes a warning
 MOST_OTHER = 0.02  # share of white by which a given response may differ from the measured one
+
+
+STEPS = np.linspace(0, 1, 17)  # code values per channel of a picture's colours
+CORNERS = {
+    "red": (1, 0, 0), "green": (0, 1, 0), "blue": (0, 0, 1), "cyan": (0, 1, 1), "magenta": (1, 0, 1),
+    "yellow": (1, 1, 0), "white": (1, 1, 1),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Unreachable:
+    """Colours up to white that no code values of the projector give.
+
+    share : share of a picture's colours, at equal steps of sRGB's code values.
+    worst : the full colour that loses most, and the share of its light that arrives.
+    white : share of white at which a picture's colours all arrive.
+    """
+
+    share: float
+    worst: str
+    arriving: float
+    white: float
+
+    @classmethod
+    def of(cls, response: Response) -> "Unreachable":
+        colours = np.stack(np.meshgrid(STEPS, STEPS, STEPS), axis=-1).reshape(1, -1, 3)
+        light, full = parse_response("srgb").to_linear(colours), np.array([list(CORNERS.values())], float)
+        arriving = np.min(reached(full, response.over(full.shape[:2])), axis=-1, initial=1, where=full > 0)[0]
+
+        def missed(white: float) -> float:
+            wanted = white * light
+            return float(np.any(reached(wanted, response.over(light.shape[:2])) != wanted, axis=-1).mean())
+
+        white = next(each for each in np.arange(100, 0, -1) / 100 if not missed(each))
+        worst = int(arriving.argmin())
+        return cls(missed(1), list(CORNERS)[worst], float(arriving[worst]), float(white))
+
+    def __str__(self) -> str:
+        return (
+            f"{100 * self.share:.2g} % of a picture's colours need more light than the projector gives them; full "
+            f"{self.worst} arrives at {100 * self.arriving:.0f} %; all colours arrive with --white at "
+            f"{100 * self.white:.0f} % of the room's white level"
+        )
 
 
 @dataclass(frozen=True)
@@ -141,6 +186,8 @@ class ProjectorReport:
                 f"colour: red, green and blue add up to grey within {apart:.2g} % of white; "
                 f"{100 * light.crosstalk:.1f} % of a camera channel's light is its neighbours'"
             )
+        if light and (missed := Unreachable.of(light.curve(self.given) if self.given else light.response)).share:
+            said.append(f"unreachable: {missed}")
         return said
 
     @property
@@ -200,6 +247,7 @@ class AcquisitionReport:
     black : captured black of several projectors, whose black levels add up where they overlap.
     colours : lines on projectors that show primaries of others.
     placed : how each of several cameras was placed on the screen.
+    expected : quality on the wall; None for several projectors or cameras.
     """
 
     projectors: tuple[ProjectorReport, ...]
@@ -211,6 +259,7 @@ class AcquisitionReport:
     black: Black | None = None
     colours: tuple[str, ...] = ()
     placed: tuple[Placed, ...] = ()
+    expected: Expected | None = None
 
     def __str__(self) -> str:
         return "\n".join(self.lines(verbose=True))
@@ -221,6 +270,7 @@ class AcquisitionReport:
         clusters = f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels"
         whose = "projector's" if len(self.projectors) == 1 else "projectors'"
         return [
+            *([str(self.expected)] if self.expected else []),
             *self._of_each(lambda each: each.taken),
             f"coverage: {100 * self.covered:.1f} % of the {whose} pixels seen, {self.lit} of {self.camera_pixels} "
             "camera pixels lit",

@@ -14,7 +14,7 @@ import numpy as np
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import StoredCalibration
 from counterlight.maps.room_maps import read_maps
-from counterlight.passes.encode import encoded
+from counterlight.passes.encode import encoded, reached
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.operators import compensation
@@ -28,6 +28,7 @@ from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOption
 from counterlight.tools.transport.transport import Transport
 
 Figures: TypeAlias = tuple[float, float, float]  # PSNR in dB: of prediction, of capture, of capture against prediction
+OUT_OF_REACH = "need brighter colours than the projector can show"
 MUCH_WORSE = 3.0  # dB; a capture this far below its prediction gets a warning
 
 
@@ -36,6 +37,7 @@ class Verified:
     """One round: PSNR in dB of the prediction by T, of the capture, and of the capture against the prediction.
 
     certificate : certificate of the drive that should arrive.
+    unreachable : share of the projector's pixels whose drive no code values give.
     codes : the code values shown.
     predicted, captured : (camera height, camera width, 3), screen primaries.
     cameras : the three figures per camera in use, by number from 1, if there are several.
@@ -47,6 +49,7 @@ class Verified:
     measured_psnr: float
     model_psnr: float
     certificate: Certificate
+    unreachable: float
     codes: Codes
     predicted: FloatArray
     captured: FloatArray
@@ -58,6 +61,7 @@ class Verified:
         lines = [
             f"round {self.round}: {_in_words(self.predicted_psnr, self.measured_psnr, self.model_psnr)}",
             f"  {self.certificate}",
+            *([f"  {100 * self.unreachable:.2g} % of the pixels {OUT_OF_REACH}"] if self.unreachable else []),
             *([] if self.inside is None else [f"  {100 * self.inside:.1f} % of the captured values are {nominal}"]),
             *(f"  camera {number}: {_in_words(*figures)}" for number, figures in self.cameras.items()),
         ]
@@ -158,14 +162,16 @@ class Verification:
             light = self._objective.bounded(asked.reshape(-1, 3)).reshape(asked.shape)
             drive = self._drive(light)
             certificate = self._objective.certificate(drive, light.reshape(-1, 3))
-            codes = self._codes(drive)
+            shown = self._drift.shown(drive.reshape(*self._room.projector.shape, 3), self._room.regions)
+            codes = encoded(shown, self._room.response)
+            unreachable = float(np.any(reached(shown, self._room.response) != shown, axis=-1).mean())
             predicted = self._now.seen(self._arriving(codes))
             captured = np.asarray(self.tier.mixing.on_screen(self._photographer.mean(codes, repeats)), np.float64)
             figures = self._figures(predicted, captured, self._seen)
             several = self._cameras if len(self._room.cameras) > 1 else {}
             cameras = {number: self._figures(predicted, captured, pixels) for number, pixels in several.items()}
             inside = self._inside(predicted, captured)
-            yield Verified(index, *figures, certificate, codes, predicted, captured, cameras, inside)
+            yield Verified(index, *figures, certificate, unreachable, codes, predicted, captured, cameras, inside)
             target = self.desired - np.where(self._seen[..., None], captured - predicted, 0)
 
     def _inside(self, predicted: FloatArray, captured: FloatArray) -> float | None:
@@ -183,10 +189,6 @@ class Verification:
         """Returns the drive, 0 to 1, (projector pixels, 3)."""
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         return np.asarray(np.clip(drive, 0, 1).reshape(-1, 3))
-
-    def _codes(self, drive: FloatArray) -> Codes:
-        shown = self._drift.shown(drive.reshape(*self._room.projector.shape, 3), self._room.regions)
-        return encoded(shown, self._room.response)
 
     def _arriving(self, codes: Codes) -> FloatArray:
         """Returns the light of rounded code values, at the place where it lands in the calibrated raster."""

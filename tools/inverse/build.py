@@ -31,6 +31,7 @@ from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendat
 from counterlight.tools.inverse.refinement_maps import pack_chain, refinement_maps
 from counterlight.tools.inverse.super_blocks import Elsewhere
 from counterlight.tools.inverse.words_light import words_of
+from counterlight.tools.transport.interval import read_interval
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of, owners
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
@@ -126,6 +127,10 @@ def build_room_maps(
         with TemporaryDirectory(dir=stage) as shared:
             elsewhere = None if workers is None else Elsewhere(workers, Path(shared).absolute())
             built = build_maps(tier, options, aims, refine=refine, elsewhere=elsewhere)
+        if (interval := read_interval(stored)) is not None:
+            lights, mask = {"black": 0.0, "white": built.maps.white}, stored.calibration.mask
+            typical = {name: interval.typical(light, mask) for name, light in lights.items()}
+            built = replace(built, maps=replace(built.maps, details=built.maps.details | {"interval": typical}))
         maps.write_maps(built.maps, stored, stage)
     return built
 

@@ -35,7 +35,7 @@ from counterlight.tools.pairs.photographs import (
     read_pictures,
     set_up_folders,
 )
-from counterlight.tools.transport.interval import Interval, fit_interval, write_interval
+from counterlight.tools.transport.interval import Expected, expected_quality, fit_interval, write_interval
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Csr, Dense, FarLight, Transport, stacked
 from counterlight.writing.outputs import check_apart, check_file
@@ -48,27 +48,6 @@ FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are 
 CODES = 256
 UNSTEADY = 0.05  # deviation of gains that is reported
 WHITE = 99  # percentile of lit light
-WORDS = (40.0, "hardly visible errors"), (34.0, "small errors"), (28.0, "visible errors")  # at least so many dB
-WORST = "clear errors"
-
-
-@dataclass(frozen=True)
-class Expected:
-    """The quality on the wall, from captures that were held back.
-
-    decibels : PSNR of captures against T p + e, relative to white.
-    within : median half width of the prediction interval, as a share of white.
-    """
-
-    decibels: float
-    within: float
-
-    def __str__(self) -> str:
-        words = next((words for least, words in WORDS if self.decibels >= least), WORST)
-        return (
-            f"expected on the wall: {words}. A picture arrives to about {self.decibels:.1f} dB, and 9 of 10 camera "
-            f"pixels are typically within {100 * self.within:.1f} % of white"
-        )
 
 
 @dataclass(frozen=True)
@@ -104,8 +83,9 @@ class PairsSummary:
 
     def __str__(self) -> str:
         lines = [
+            str(self.expected),
             f"{self.pairs} pairs matched by {self.matched}; {self.held} held-out captures predicted to "
-            f"{self.decibels:.1f} dB by a fit of the others"
+            f"{self.decibels:.1f} dB by a fit of the others",
         ]
         if self.gains > UNSTEADY:
             lines.append(f"gains of captures vary by {100 * self.gains:.1f} %; lock the camera's exposure")
@@ -113,7 +93,6 @@ class PairsSummary:
             f"{each}: gain beyond {100 * (MOST_GAIN - 1):.0f} %; lock the camera's exposure" for each in self.unsteady
         ]
         lines += [f"left out: {each}" for each in self.left_out]
-        lines.append(str(self.expected))
         return "\n".join(lines)
 
 
@@ -175,7 +154,8 @@ def import_pairs_room(
                 write_png(temporary, quality_picture(predicted[-1], captures[-1]))
     unsteady = tuple(pairs[n].photograph.name for n in kept[fitted.unsteady])
     spread = float(np.std(fitted.gains, axis=0).max())
-    expected = expected_quality(interval, predicted_by_room, captures, fitted.lit)
+    white = max(float(np.percentile(captures[:, fitted.lit], WHITE)), 1e-6)
+    expected = expected_quality(interval, predicted_by_room, captures, fitted.lit, white)
     return PairsSummary(len(kept), held, quality, by, tuple(left_out), spread, unsteady, expected)
 
 
@@ -258,14 +238,6 @@ def _held_back_by_room(
         light = transport @ room.response.to_linear(picture).reshape(-1, 3)
         predicted[number] += light.reshape(model.shape) + room.ambient - model
     return predicted
-
-
-def expected_quality(interval: Interval, predicted: Pictures, captures: Pictures, lit: BoolArray) -> Expected:
-    """Return the expected quality of pictures like the held-back captures."""
-    white = max(float(np.percentile(captures[:, lit], WHITE)), 1e-6)
-    widths = [np.median(interval.half_width(each)[lit]) for each in predicted]
-    relative = decibels(predicted, captures, lit) + 20 * np.log10(white)
-    return Expected(float(relative), float(np.median(widths)) / white)
 
 
 def quality_picture(predicted: NDArray[np.floating], capture: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -108,6 +108,7 @@ def _figures(
         "name": calibration.name,
         "provenance": calibration.provenance,
         "summary": str(report).splitlines(),
+        "expected": None if report.expected is None else vars(report.expected) | {"words": str(report.expected)},
         "camera": {"width": calibration.camera.width, "height": calibration.camera.height},
         "projector": {"width": calibration.projector.width, "height": calibration.projector.height},
         "preflight": [{"check": f.check, "grade": f.grade, "sentence": f.sentence} for f in findings],
@@ -134,7 +135,9 @@ def _figures(
 def acquisition_page(figures: dict[str, Any]) -> str:
     """Returns the page, from the figures in the JSON."""
     camera, projector = (f"{figures[side]['width']}x{figures[side]['height']}" for side in ("camera", "projector"))
-    intro = table(
+    expected = figures["expected"]
+    intro = f"<p>{expected['words']}</p>" if expected else ""
+    intro += table(
         [
             ("camera, projector", f"{camera}, {projector}"),
             ("pictures shown, exposures taken", f"{figures['pictures']}, {figures['exposures']}"),

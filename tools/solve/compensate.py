@@ -16,7 +16,7 @@ from counterlight.files import exr
 from counterlight.files.picture_files import write_png
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps, read_maps
-from counterlight.passes.encode import encoded
+from counterlight.passes.encode import encoded, reached
 from counterlight.passes.resample import resample
 from counterlight.pipeline.operators import drive_of
 from counterlight.response import RasterResponse
@@ -71,7 +71,7 @@ class Compensated:
     """The result of one solver.
 
     drive : (projector height, projector width, 3), 0..1.
-    clipped : share of the lit projector pixels' values that the solver put outside 0..1.
+    clipped : share of the lit projector pixels' values that the solver put outside 0..1, or that no code values give.
     below_optimum : dB by which the unweighted optimum's PSNR is higher.
     outside : light that the camera does not see, relative to the uncorrected picture; None if it sees everything.
     """
@@ -201,12 +201,12 @@ class CompensationTask:
     def _judge(
         self, name: str, unclamped: FloatArray, seconds: float, notes: tuple[str, ...], best: float
     ) -> Compensated:
-        drive = np.clip(unclamped, 0, 1)
-        quality = measure(self._desired, self._tier.seen(drive), self._counts, self.white)
-        beyond = np.abs(unclamped - drive) > FAR_TOLERANCE
+        drive = np.clip(unclamped, 0, 1).reshape(*self._calibration.projector.shape, 3)
+        arriving = reached(drive, self._calibration.response).reshape(-1, 3)
+        quality = measure(self._desired, self._tier.seen(arriving), self._counts, self.white)
+        beyond = np.abs(unclamped - arriving) > FAR_TOLERANCE
         clipped = float(np.mean(beyond[self._lit])) if self._lit.any() else 0.0
-        shape = *self._calibration.projector.shape, 3
-        return Compensated(name, drive.reshape(shape), quality, clipped, seconds, best - quality.psnr, notes)
+        return Compensated(name, drive, quality, clipped, seconds, best - quality.psnr, notes)
 
 
 def compensate(

@@ -26,6 +26,8 @@ CELL = 8  # camera pixels per side of a cell of m
 USUAL = 4.0  # captures with the usual error that are averaged with a cell's captures
 ROUNDS = 4  # rounds of weights in the fit of a
 MOST_SAMPLES = 200_000  # pixels for the fit of a
+WORDS = (40.0, "hardly visible errors"), (34.0, "small errors"), (28.0, "visible errors")  # at least so many dB
+WORST = "clear errors"
 LEAST = 1e-4  # least m; least s in the dark, as a share of the brightest prediction
 
 
@@ -43,6 +45,10 @@ class Interval:
     def half_width(self, predicted: Pictures) -> Pictures:
         """Return w of a predicted camera picture, (height, width, 3), in its unit."""
         return np.asarray(np.sqrt(_at_pixels(self.local, predicted.shape[:2]) * _variance(predicted, self.growth)))
+
+    def typical(self, light: float, counted: BoolArray) -> float:
+        """Return the median of w over the counted pixels of an even camera picture."""
+        return float(np.median(self.half_width(np.full((*counted.shape, 3), light))[counted]))
 
     def inside(self, predicted: Pictures, captured: Pictures) -> BoolArray:
         """Return which values of a captured picture are in the interval, (height, width, 3)."""
@@ -71,6 +77,46 @@ def fit_interval(predicted: Pictures, captured: Pictures, counted: BoolArray) ->
         (each / _at_pixels(local(numbers != number), counted.shape))[counted] for number, each in enumerate(ratios)
     ]
     return Interval(growth * np.quantile(relative, NOMINAL), local(numbers >= 0).astype(np.float32))
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The quality on the wall of what the projector can show, from captures that were held back.
+
+    decibels : PSNR of captures against T p + e, relative to white.
+    within : median half width of the prediction interval, as a share of white.
+    """
+
+    decibels: float
+    within: float
+
+    def __str__(self) -> str:
+        return (
+            f"expected on the wall: {self.words}. A picture arrives to about {self.decibels:.1f} dB, and 9 of 10 "
+            f"camera pixels are typically within {100 * self.within:.1f} % of white"
+        )
+
+    @property
+    def words(self) -> str:
+        return next((words for least, words in WORDS if self.decibels >= least), WORST)
+
+    @property
+    def short(self) -> str:
+        """The end of a command's last line."""
+        return f"{self.words} expected on the wall ({self.decibels:.1f} dB)"
+
+
+def expected_quality(
+    interval: Interval, predicted: Pictures, captured: Pictures, counted: BoolArray, white: float, noise: float = 0.0
+) -> Expected:
+    """Return the expected quality of pictures like the held-back captures.
+
+    white : light of a white picture.
+    noise : share of the squared error that the camera's noise explains. Noise does not reach the wall.
+    """
+    error = float(np.mean((predicted - captured)[:, counted] ** 2)) * (1 - noise) / white**2
+    widths = [np.median(interval.half_width(each)[counted]) for each in predicted]
+    return Expected(float(-10 * np.log10(max(error, 1e-12))), float(np.median(widths)) / white)
 
 
 def write_interval(interval: Interval, stage: Path) -> None:
