@@ -9,11 +9,9 @@ TESTED = "bounds that a test holds, which the page names"
 UNCHECKED = (  # page, beginning of a table's header, reason
     ("docs/costs.md", "| | 16 entries a pixel", TIMES),
     ("docs/drift.md", "| what it says", "limits, not measured"),
-    ("docs/reliability.md", "| campaign | tried | refused", "hours: make fuzz, with the seeds of the page"),
     ("docs/size.md", "| | at most", "limits, not measured"),
     ("docs/unattended.md", "| event | black for at most", TIMES),
     ("docs/pairs.md", "| directly lit pixels of held-out captures", OUTSIDE),
-    ("docs/watch.md", "| event | film", "an acquisition and four minutes: python -m tests.studies.watching"),
 )
 SENTENCES = (  # page, words of prose, reason
     ("docs/player.md", "at most 56 ms late at a change", TIMES),
