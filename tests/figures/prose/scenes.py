@@ -77,7 +77,10 @@ PROSE = (
             "the largest, it is {} (photograph), {} (text) and {} dB (gradient) below.",
             lambda t: (t.one(r"0 \| uncut", ALL_RANKS), *(t.one(r": 0 \| uncut", HUNDREDTH, at) for at in range(3))),
         ),
-        ("hardly depend on the singular values** ({} dB with any)", lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1]),
+        (
+            "hardly depend on the singular values** ({} dB with any)",
+            lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
+        ),
         (
             "keeps the light between the wings ({} to {} % of all)",
             lambda t: ends(t(r"\| all, 0.1$", "light kept")),
