@@ -39,7 +39,7 @@ def off(t: Table, adapt: str, column: str) -> list[float]:
 
 def by_pixel(t: Table, room: str) -> float:
     """Returns the gain of a mixing per camera pixel over a mixing per room, under a colour wheel."""
-    one, each = (t.one(rf"{room} \| wheel \| {tier}", "captured, dB") for tier in ("global", "pixel"))
+    one, each = (t.one(rf"{room} \| wheel \| {tier}", "inside (optimum), dB") for tier in ("global", "pixel"))
     return each - one
 
 
