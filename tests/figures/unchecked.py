@@ -33,7 +33,6 @@ SENTENCES = (  # page, words of prose, reason
     ("docs/size.md", "A local cluster takes 2 s to start", ONCE),
     ("docs/size.md", "the command itself takes 7.1 s of processor time", ONCE),
     ("docs/size.md", "stayed below 3.2 GiB for 163 s", LARGE),
-    ("docs/unattended.md", "took a player from 185.0 to 191.4 MiB", "hours: make fuzz"),
     ("docs/ways.md", "each pixel's share is right to 8 % of its light", TESTED),
     (
         "docs/ways.md",

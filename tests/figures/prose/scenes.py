@@ -105,7 +105,7 @@ PROSE = (
     said(
         "docs/content.md",
         ADAPTED,
-        ("The result is up to {} dB truer to the target", lambda t: (max(off(t, "1 %", ASKED)),)),
+        ("The result is up to {} dB closer to this target", lambda t: (max(off(t, "1 %", ASKED)),)),
         (
             "Compared with the original picture, adaptation loses {} to {} dB",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
