@@ -34,9 +34,4 @@ SENTENCES = (  # page, words of prose, reason
     ("docs/size.md", "the command itself takes 7.1 s of processor time", ONCE),
     ("docs/size.md", "stayed below 3.2 GiB for 163 s", LARGE),
     ("docs/ways.md", "each pixel's share is right to 8 % of its light", TESTED),
-    (
-        "docs/ways.md",
-        "23 % of the pixels are bent",
-        "an acquisition and two reports: the page has the options",
-    ),
 )
