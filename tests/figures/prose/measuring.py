@@ -79,18 +79,12 @@ PROSE = (
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
         (
-            "with 16 shots is within {} dB on every scene",
+            "bring `hierarchical` within {} dB in every room",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
-            "it needs up to {} times as many pictures",
+            "It then takes up to {} times as many pictures",
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
-        ),
-        ("On `wall`, {} exposures compare with 109 +", lambda t: pictures(t, CODED, "wall")),
-        ("compare with 109 + {} ·", lambda t: (pictures(t, ONE, "wall")[0] - 109,)),
-        (
-            "· ({} / {})²",
-            lambda t: [t.one(rf": wall .* \| {scheme}$", "error of T") for scheme in (ONE, CODED)],
         ),
         (
             "with 16 shots is within {} dB on `wall` and",
@@ -102,7 +96,7 @@ PROSE = (
             lambda t: [n for column in (SMOOTH, FINE) for n in ends(lost(t, column, CODED_MANY, EDGES))],
         ),
         (
-            "A threshold of 16 σ saves up to {} % of the pictures",
+            "A threshold of 16 σ** saves up to {} % of the pictures",
             lambda t: (100 - 100 * min(ratios(pictures(t, COARSE), pictures(t, ONE))),),
         ),
         (
