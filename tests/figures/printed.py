@@ -179,7 +179,7 @@ def explained(scene: str, sizes: str, minutes: float) -> Figures:
         }
 
     return Figures(
-        "docs/simulation.md",
+        "docs/tables/simulation.md",
         (f"counterlight simulate {scene} --explain {sizes}",),
         minutes,
         lambda text: {name: cell for name, cell in cells(text).items() if "MB" not in cell},

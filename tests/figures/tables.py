@@ -64,11 +64,11 @@ TABLES = (
         at_equal_milliseconds,
         times=lambda name: ": previous, " not in name,
     ),
-    table("docs/gpu.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
+    table("docs/tables/scaling.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
     table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "views | nearest view"),
     table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "viewers at once"),
     table(
-        "docs/viewpoints.md",
+        "docs/tables/viewpoints.md",
         "python -m tests.studies.viewpoints --price",
         2,
         "views | maps",

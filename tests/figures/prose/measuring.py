@@ -43,20 +43,6 @@ def short(t: Table, room: str, *counts: int) -> list[float]:
 
 PROSE = (
     told(
-        "docs/acquisition.md",
-        (
-            "counterlight simulate corner --camera 160x120 --projector 96x72 -o c",
-            "counterlight acquire --camera simulated:c --shots 1 -o room",
-        ),
-        2,
-        (
-            "{} numbers per channel become {} near entries and {} numbers of far light. A photograph loses {} dB, a "
-            "half-lit view {} dB and a soft picture {} dB.",
-            "factored: {} entries a channel are {} of near light and {} numbers of far light; pictures lose, in dB: "
-            "photograph {}, half {}, spots {_}, soft {}",
-        ),
-    ),
-    told(
         "docs/size.md",
         ("python -m tests.bench --only picture",),
         1,
