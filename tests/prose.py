@@ -36,7 +36,7 @@ def sentences_of(path: Path) -> Iterator[Text]:
     page = re.sub(r"```.*?```", lambda code: "\n" * code[0].count("\n"), path.read_text(encoding="utf-8"), flags=re.S)
     for block in re.finditer(r"^ {0,3}(?=[^\s#|!]).*(?:\n(?! *(?:[-*] |\d+\. |[|#\n])).+)*", page, re.MULTILINE):
         line = page.count("\n", 0, block.start()) + 1
-        for words in re.split(r"(?<=[.!?])[*_)]* +(?=[*_`(\[]*[A-Z`])", " ".join(block[0].split())):
+        for words in re.split(r"(?<=[.!?])[*_)]? +(?=[*_`(\[]*[A-Z`])", " ".join(block[0].split())):
             if len(words.split()) > 2:
                 yield Text(path, line, "sentence", words)
 

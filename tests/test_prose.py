@@ -36,7 +36,7 @@ def test_sentences_of_a_page_are_found_without_code_headings_and_tables(tmp_path
     )
     assert [(text.line, text.words) for text in texts_of(path)] == [
         (3, "The first sentence stands."),
-        (3, "The `third` follows"),
+        (3, "**It ends.** The `third` follows"),
         (8, "- One item has text."),
         (9, "- Another item does."),
     ]

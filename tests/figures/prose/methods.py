@@ -113,7 +113,7 @@ PROSE = (
             lambda t: (mean(of_room(t, "corner", THESIS)),),
         ),
         (
-            "become noise: {} dB below with the statuette",
+            "pictures are {} dB below with the statuette",
             lambda t: (mean(of_room(t, "statuette", THESIS)),),
         ),
         ("instead of a half removes {} to {} % of the map", left_out),
