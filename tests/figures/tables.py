@@ -100,7 +100,7 @@ TABLES = (
         ("a frame, median, ms", "95 % below, ms", "steps at the end", "dB below the best"),
     ),
     table(
-        "docs/hdr.md",
+        "docs/tables/hdr.md",
         "python -m tests.bench.hdr",
         4,
         "scene | method | shader",

@@ -69,7 +69,7 @@ PROSE = (
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
-            "It then takes up to {} times as many pictures",
+            "`hierarchical` then takes up to {} times as many pictures",
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         (
@@ -99,7 +99,10 @@ PROSE = (
             "On smooth pictures it is within {} dB, except on `wall`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|two_planes"),),
         ),
-        ("except on `wall` ({} of {} dB)", lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH))),
+        (
+            "except on `wall` ({} dB below the true T's {} dB)",
+            lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
+        ),
         (
             "With 16 shots, `hierarchical` is within {} dB everywhere",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),

@@ -59,7 +59,7 @@ PROSE = (
         ),
         ("Inside the border, `home` is at most {} dB below", lambda t: (below_inside(t),)),
         ("**Light outside** is at most {} % of white", lambda t: (max(t("home", "light outside (plain)")),)),
-        ("More steps never lower PSNR (by {} dB at most)", lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),)),
+        ("More steps lower PSNR by {} dB at most", lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),)),
         (
             "after a drift and one check, a picture is at {} to {} dB",
             lambda t: ends([after for _, after in (checked(t, room) for room in ROOMS)]),

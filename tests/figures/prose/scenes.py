@@ -67,14 +67,14 @@ PROSE = (
             "the overlap that the inverse needs, and loses {} to {} dB",
             lambda t: ends([t.one("focus .*any", p) - t.one("focus .*1000", p) for p in PICTURES[:2]]),
         ),
-        ("asking for 1000 gives {}.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
+        ("a limit of 1000 pixels gives clusters of {}.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
     ),
     said(
         "docs/decomposition.md",
         RADII,
         (
-            "is {} dB below the best with all singular values that float32 leaves. With values above a hundredth of "
-            "the largest, it is {} (photograph), {} (text) and {} dB (gradient) below.",
+            "is {} dB below the best with all singular values that float32 leaves. With only the values above a "
+            "hundredth of the largest, pictures are {} (photograph), {} (text) and {} dB (gradient) below.",
             lambda t: (t.one(r"0 \| uncut", ALL_RANKS), *(t.one(r": 0 \| uncut", HUNDREDTH, at) for at in range(3))),
         ),
         (
@@ -115,7 +115,7 @@ PROSE = (
         "docs/content.md",
         FLICKER,
         (
-            "0.3 removes two fifths of the noise for {} dB on moving film",
+            "0.3 removes two fifths of the noise and costs {} dB on moving film",
             lambda t: (t.one("off", "film: likewise (worst)") - t.one("0.3", "film: likewise (worst)"),),
         ),
     ),
@@ -143,7 +143,7 @@ PROSE = (
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
         ),
         (
-            "look {} pixels from where geometry says (median; 95 %: {}) on the wall, {} ({}) with the bust",
+            "is {} pixels off on the wall (median; 95 %: {}), and {} pixels off with the bust ({})",
             "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
             "95 %: {})",
         ),
