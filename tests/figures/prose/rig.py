@@ -94,7 +94,8 @@ PROSE = (
             by_drift,
         ),
         (
-            "on the wall {} and {} dB, in the corner {} and {}, behind glass {} and {}, out of focus {} and {}.",
+            "the wall has {} dB before and {} dB after, the corner {} and {}, the wall behind glass {} and {}, and the room "
+            "out of focus {} and {}.",
             lambda t: [each for room in ROOMS for each in checked(t, room)],
         ),
     ),

@@ -139,7 +139,10 @@ PROSE = (
         VIEWS.commands,
         VIEWS.minutes,
         *(
-            (f"{what}, viewpoints from ...the best at {{}} to {{}} dB", f"{what[2:]}, from ...best: {{}} to {{}} dB")
+            (
+                f"**{what}.** Viewpoints lie from ...drives reach {{}} to {{}} dB",
+                f"{what[2:]}, from ...best: {{}} to {{}} dB",
+            )
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
         ),
         (
@@ -161,7 +164,7 @@ PROSE = (
     said(
         "docs/simulation.md",
         WORTH,
-        ("At most {} of the 0.1 dB are lost", lambda t: (max(t(".", "off by, dB")),)),
+        ("Of the permitted 0.1 dB, at most {} dB are lost", lambda t: (max(t(".", "off by, dB")),)),
     ),
     told(
         "docs/simulation.md",
