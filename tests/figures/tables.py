@@ -84,7 +84,7 @@ TABLES = (
     ),
     table("docs/content.md", "python -m tests.studies.content", 4, "white | adapt"),
     table("docs/content.md", "python -m tests.studies.content", 4, "flicker | noise"),
-    table("docs/gpu.md", "python -m tests.bench --only words", 3, "room | T⁺ | its entries"),
+    table("docs/tables/words.md", "python -m tests.bench --only words", 3, "room | T⁺ | its entries"),
     table(
         "docs/gpu.md",
         "python -m tests.bench --only frames",

@@ -94,8 +94,8 @@ PROSE = (
             by_drift,
         ),
         (
-            "the wall has {} dB before and {} dB after, the corner {} and {}, the wall behind glass {} and {}, and the room "
-            "out of focus {} and {}.",
+            "the wall has {} dB before and {} dB after, the corner {} and {}, the wall behind glass {} and {}, and the "
+            "room out of focus {} and {}.",
             lambda t: [each for room in ROOMS for each in checked(t, room)],
         ),
     ),
