@@ -1,14 +1,16 @@
 """Random docstrings, comments and help texts with their places, for somebody who judges whether they read well.
 
     python -m tests.prose --seed 3 --count 100
+    python -m tests.prose --seed 3 --count 100 docs README.md     sentences of the pages
 
-A text that has to be read twice points to a pattern: fix the pattern everywhere (docs/ is not sampled).
+A text that has to be read twice points to a pattern: fix the pattern everywhere.
 """
 
 import argparse
 import ast
 import io
 import random
+import re
 import textwrap
 import tokenize
 from collections.abc import Iterator
@@ -29,8 +31,21 @@ class Text(NamedTuple):
     words: str
 
 
+def sentences_of(path: Path) -> Iterator[Text]:
+    """Yield the sentences of a Markdown page, outside code, headings and tables."""
+    page = re.sub(r"```.*?```", lambda code: "\n" * code[0].count("\n"), path.read_text(encoding="utf-8"), flags=re.S)
+    for block in re.finditer(r"^ {0,3}(?=[^\s#|!]).*(?:\n(?! *(?:[-*] |\d+\. |[|#\n])).+)*", page, re.MULTILINE):
+        line = page.count("\n", 0, block.start()) + 1
+        for words in re.split(r"(?<=[.!?])[*_)]? +(?=[*_`(\[]*[A-Z`])", " ".join(block[0].split())):
+            if len(words.split()) > 2:
+                yield Text(path, line, "sentence", words)
+
+
 def texts_of(path: Path) -> Iterator[Text]:
-    """Yield every text of a Python file."""
+    """Yield every text of a Python file or a Markdown page."""
+    if path.suffix == ".md":
+        yield from sentences_of(path)
+        return
     source = path.read_text(encoding="utf-8")
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, DOCUMENTED) and (docstring := ast.get_docstring(node)):
@@ -68,7 +83,8 @@ def _literal(node: ast.expr) -> str:
 
 def sample(seed: int, count: int, folders: tuple[str, ...] = FOLDERS) -> list[Text]:
     """Draw random texts with equal probability."""
-    paths = sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+    found = (path for folder in folders for path in [ROOT / folder, *(ROOT / folder).rglob("*")])
+    paths = sorted(path for path in found if path.suffix in {".py", ".md"})
     texts = [text for path in paths for text in texts_of(path)]
     return random.Random(seed).sample(texts, min(count, len(texts)))
 
@@ -77,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser("python -m tests.prose", description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, required=True, help="seed of the random numbers")
     parser.add_argument("--count", type=int, default=100, help="number of texts (default 100)")
-    parser.add_argument("folders", nargs="*", default=FOLDERS, help="folders to draw from (default player tools tests)")
+    parser.add_argument("folders", nargs="*", default=FOLDERS, help="folders or files (default player tools tests)")
     options = parser.parse_args()
     for number, text in enumerate(sample(options.seed, options.count, tuple(options.folders)), 1):
         print(f"{number}. {text.path.relative_to(ROOT)}:{text.line} ({text.kind})")

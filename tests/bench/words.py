@@ -54,7 +54,7 @@ def words() -> Iterator[str]:
 
 
 def line(name: str, built: BuiltRoom) -> str:
-    """Returns a row of the table of docs/gpu.md."""
+    """Returns a row of docs/tables/words.md."""
     maps, found = built.maps, built.recommendation
     assert found is not None
     long_bytes, small_bytes = (frame_bytes(maps, found, made) for made in ({}, maps.in_words(maps.white)))

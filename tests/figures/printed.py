@@ -179,7 +179,7 @@ def explained(scene: str, sizes: str, minutes: float) -> Figures:
         }
 
     return Figures(
-        "docs/simulation.md",
+        "docs/tables/simulation.md",
         (f"counterlight simulate {scene} --explain {sizes}",),
         minutes,
         lambda text: {name: cell for name, cell in cells(text).items() if "MB" not in cell},
@@ -217,7 +217,7 @@ def own_room() -> Figures:
         ),
         5,
         in_one_line(
-            best=rf"the best is {numbers} dB \(photograph\), {numbers} \(text\), {numbers} \(gradient\)",
+            best=rf"possible pictures have {numbers} dB \(photograph\), {numbers} \(text\) and {numbers} \(gradient\)",
             direct=rf"Direct mapping is {numbers} dB below",
             step=rf"one step from T⁺ is within {numbers}",
             ms=rf"one step from T⁺ is within [\d.]+ dB, at {numbers} ms per frame",

@@ -35,7 +35,7 @@ TABLES = (
     table("docs/displays.md", "python -m tests.studies.second_projector", 2, "room: figure | first"),
     table("docs/ways.md", "python -m tests.studies.ways", 1, "room | way"),
     table("docs/decomposition.md", "python -m tests.studies.decomposition", 4, "room | allowed"),
-    table("docs/decomposition.md", "python -m tests.studies.neighbourhoods", 4, "entries from"),
+    table("docs/tables/radii.md", "python -m tests.studies.neighbourhoods", 4, "entries from"),
     table("docs/mathematics.md", "python -m tests.studies.factoring", 2, "corner | camera", ("CPU s",)),
     table(
         "docs/hard_cases.md", "python -m tests.studies.hard_cases", 3, "error, % / amplification", units=5, share=0.3
@@ -64,11 +64,11 @@ TABLES = (
         at_equal_milliseconds,
         times=lambda name: ": previous, " not in name,
     ),
-    table("docs/gpu.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
+    table("docs/tables/scaling.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
     table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "views | nearest view"),
     table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "viewers at once"),
     table(
-        "docs/viewpoints.md",
+        "docs/tables/viewpoints.md",
         "python -m tests.studies.viewpoints --price",
         2,
         "views | maps",
@@ -84,7 +84,7 @@ TABLES = (
     ),
     table("docs/content.md", "python -m tests.studies.content", 4, "white | adapt"),
     table("docs/content.md", "python -m tests.studies.content", 4, "flicker | noise"),
-    table("docs/gpu.md", "python -m tests.bench --only words", 3, "room | T⁺ | its entries"),
+    table("docs/tables/words.md", "python -m tests.bench --only words", 3, "room | T⁺ | its entries"),
     table(
         "docs/gpu.md",
         "python -m tests.bench --only frames",
@@ -100,7 +100,7 @@ TABLES = (
         ("a frame, median, ms", "95 % below, ms", "steps at the end", "dB below the best"),
     ),
     table(
-        "docs/hdr.md",
+        "docs/tables/hdr.md",
         "python -m tests.bench.hdr",
         4,
         "scene | method | shader",
@@ -121,10 +121,10 @@ TABLES = (
         8,
         "room | fault | colour",
     ),
-    table("docs/size.md", "python -m tests.studies.blurring", 5, "limit | near | blurred"),
+    table("docs/tables/blurring.md", "python -m tests.studies.blurring", 5, "limit | near | blurred"),
     *(explained(scene, CORNER, minutes) for scene, minutes in FULL_SIZE.items()),
     table("docs/simulation.md", "python -m tests.studies.worth", 9, "scene | camera", ("CPU s whole, with these",)),
-    table("docs/rig.md", "python -m tests.studies.optimum", 25, "room | direct mapping | optimum"),
+    table("docs/tables/optimum.md", "python -m tests.studies.optimum", 25, "room | direct mapping | optimum"),
     rigged("--fault known home drift", 10, f"{RIG} | inside (optimum), dB | ΔE2000 (optimum) | light"),
     rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | inside (optimum), dB | ΔE2000 (optimum) | inside"),
     rigged(f"--room wall --fault {' '.join(REAL)} --steps 0", 8, f"{RIG} | inside (optimum), dB | blurred"),

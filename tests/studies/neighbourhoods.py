@@ -1,6 +1,6 @@
 """The thesis' cut of near and far light in one T: python -m tests.studies.neighbourhoods.
 
-Prints a table of docs/decomposition.md and draws docs/neighbourhoods.png, the counterpart of figure 4.8. The room is
+Prints docs/tables/radii.md and draws docs/neighbourhoods.png, the counterpart of figure 4.8. The room is
 the shipped `folded_cards`, small; a sixth of its light is far light. T is dense, also without the entries that an
 acquisition with a threshold of a thousandth of the brightest entry would miss. Each row is cut with a radius and τ₁,
 its energy is fitted (4.2.3), and each cluster is inverted by numpy's SVD, without small singular values. The clamped

@@ -76,7 +76,7 @@ def main() -> None:
         "--scale", type=float, default=0.5, help="scale: 1 has a camera of 160x120, a projector of 96x72"
     )
     options = parser.parse_args()
-    print("| room | electrons | scheme | captured | pictures | exposures | finest | error of T | foretold |")
+    print("| room | electrons | scheme | captured | pictures | exposures | finest | error of T | predicted |")
     print("|---" * 9 + "|", flush=True)
     for name in options.room:
         room = ROOMS[name](options.scale)

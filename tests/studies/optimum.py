@@ -1,4 +1,4 @@
-"""Direct mapping, the product and the unweighted optimum in shipped, rig and random rooms: docs/rig.md.
+"""Direct mapping, the product and the unweighted optimum in shipped, rig and random rooms: docs/tables/optimum.md.
 
     python -m tests.studies.optimum [--random N]
 

@@ -2,7 +2,7 @@
 
 In the rooms of the rig (tests/rig, docs/rig.md) the product acquires with `--pictures N`, and with the schemes that
 take as many pictures as they need. The product builds and shows with its defaults, and is judged like in
-python -m tests.rig: captured dB over all lit pixels, mean of three pictures. Prints the table of docs/schemes.md.
+python -m tests.rig: dB inside the border, mean of three pictures. Prints the table of docs/schemes.md.
 All of it is simulated.
 """
 
@@ -42,7 +42,7 @@ def captured(rig: Rig, folder: Path, *options: str) -> tuple[int, float]:
         picture.write(path)
         shown = product.show(folder, path)
         question = judge.asks(picture, shown.white, product.show_plain(folder, path).codes)
-        figures.append(judge.figures(question, shown.codes).psnr)
+        figures.append(judge.figures(question, shown.codes).inside)
     return int(found[1]), float(np.mean(figures))
 
 

@@ -89,7 +89,7 @@ PROSE = (
     said(
         "docs/refinement.md",
         tabled("docs/tables/standing.md", "room, picture | start, steps"),
-        ("All estimates are within a factor of {} (the", lambda t: (1 / min(estimated(t)),)),
-        ("(the worst, {}, uses", lambda t: (min(estimated(t)),)),
+        ("All estimates are within a factor of {} of the truth", lambda t: (1 / min(estimated(t)),)),
+        ("(the worst estimate, {} times the truth, uses", lambda t: (min(estimated(t)),)),
     ),
 )

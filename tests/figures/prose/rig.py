@@ -46,9 +46,9 @@ PROSE = (
     said(
         "README.md",
         RIG,
-        ("defaults end at {} to {} dB inside the border", lambda t: ends(t("home", INSIDE))),
-        ("at most {} dB below the best that any drive could show", lambda t: (below_inside(t),)),
-        ("and {} dB over all lit pixels", lambda t: ends(t("home", "below, dB"))[1:]),
+        ("the default settings reach {} to {} dB PSNR inside the", lambda t: ends(t("home", INSIDE))),
+        ("picture is at most {} dB better there", lambda t: (below_inside(t),)),
+        ("and {} dB better over all lit pixels", lambda t: ends(t("home", "below, dB"))[1:]),
     ),
     said(
         "docs/rig.md",
@@ -94,7 +94,8 @@ PROSE = (
             by_drift,
         ),
         (
-            "on the wall {} and {} dB, in the corner {} and {}, behind glass {} and {}, out of focus {} and {}.",
+            "the wall has {} dB before and {} dB after, the corner {} and {}, the wall behind glass {} and {}, and the "
+            "room out of focus {} and {}.",
             lambda t: [each for room in ROOMS for each in checked(t, room)],
         ),
     ),
