@@ -12,8 +12,8 @@ from scipy import stats
 from counterlight.response import Response
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.effects import capture_noise
-from counterlight.tools.simulation.effects.glare import halo_of
 from counterlight.tools.simulation.effects.capture_noise import capture, deviation
+from counterlight.tools.simulation.effects.glare import halo_of
 from counterlight.tools.simulation.effects.vignetting import transmission
 from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.needs import needs_of

@@ -103,9 +103,7 @@ def _shared_projectors(rooms: Sequence[SimulatedRoom]) -> Shapes:
     return first.projectors
 
 
-def _settings(
-    options: argparse.Namespace, sensor: Sensor | None, response: Response, *, known: bool
-) -> CameraSettings:
+def _settings(options: argparse.Namespace, sensor: Sensor | None, response: Response, *, known: bool) -> CameraSettings:
     """Returns the camera settings; options override the `sensor` of the scene."""
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
     chosen = replace(sensor or Sensor(), **given)

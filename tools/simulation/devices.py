@@ -281,7 +281,7 @@ def _lateral(table: Table, width: int) -> Lateral | None:
 
 
 def _with_vividness(table: Table, response: Response) -> Response:
-    """Returns the response with colour processing: a primary has 1 + v (1 − m) of its light, m the other codes' mean."""
+    """Returns the response with colour processing: 1 + v (1 − m) of a primary's light, with m the other codes' mean."""
     if "vividness" not in table:
         return response
     vividness = table.numbers("vividness", 3, None, -0.5, 2.0)

@@ -229,7 +229,7 @@ class _Simulation:
         for effect, entries in near.items():
             pixel, column, weights = _joined(entries)
             place, weights = summed((pixel - first) * columns + column, weights)
-            fringes = np.count_nonzero(weights[:, 1] == 0) if effect == "direct" and len(self.primaries) > 1 else 0
+            fringes = int(np.sum(weights[:, 1] == 0)) if effect == "direct" and len(self.primaries) > 1 else 0
             own = place.size - fringes
             blurred = own - np.unique(np.concatenate(self.sharp)).size if effect == "direct" and self.sharp else 0
             self.effects.account(effect, weights.sum(), own - blurred)

@@ -72,7 +72,7 @@ def _affordable(judge: "_Judge", costly: Sequence[str], worth: Mapping[str, floa
     return off
 
 
-def _small(scene: Scene) -> Scene:
+def small_room(scene: Scene) -> Scene:
     """Returns the scene at a size at which judging takes seconds; lengths in pixels stay the same.
 
     Circles of confusion, halos, scattering lengths and dispersion grow with the pixels, and lenses bend the picture by
@@ -124,7 +124,7 @@ class _Judge:
     """The small room with all its effects, and windows of pictures with their best drives."""
 
     def __init__(self, scene: Scene, needs: Mapping[str, Need]) -> None:
-        self._scene, self._needs = _small(scene), needs
+        self._scene, self._needs = small_room(scene), needs
         self._whole = _Room(self._scene, needs)
         own, small = ((each.camera.height, each.camera.width) for each in (scene, self._scene))
         white, pictures = self._whole.tier.white, find_pictures(PICTURES)

@@ -48,7 +48,7 @@ class Axis:
 
     def interpolate(self) -> Csr:
         """Returns linear interpolation between the centres of the cells, (pixels, cells)."""
-        place = self.place(np.arange(self.pixels) + 0.5)
+        place = self.place(np.linspace(0.5, self.pixels - 0.5, self.pixels))
         return Csr(np.maximum(0, 1 - np.abs(place[:, None] - np.arange(self.cells))))
 
 
