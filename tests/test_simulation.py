@@ -179,6 +179,7 @@ def test_wrong_scenes_name_table_and_key(tmp_path: Path, old: str, new: str, com
 BALL = 'shape = "sphere"\ncentre = [0, 0, 0]\nradius = 0.5\n'
 RELIEF = 'shape = "relief"\ncorner = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 1, 0]\nheight = 0.1\n'
 PAINT = "albedo = [0.5, 0.5, 0.5]\n"
+SEGMENT = "[[0, 0, 0], [0.4, 0.4, 0.4]]"
 
 
 @pytest.mark.parametrize(
@@ -222,6 +223,18 @@ def test_wrong_surfaces_name_the_key(tmp_path: Path, surface: str, complaint: st
         ("camera", "bloom = { share = 0.1 }", r"\[bloom\]: needs radius_deg"),
         ("camera", "sensor = { bits = 20 }", r"\[sensor\], bits: found 20"),
         ("camera", "brightness = 2", r"\[camera\]: unknown key 'brightness'"),
+        ("camera", "wander = -0.1", r"\[camera\], wander: found -0.1, expected a number from 0 to 0.2"),
+        ("camera", f"white_segment = {SEGMENT}", r"\[camera\]: white_segment and processing are of a projector"),
+        ("projector", "lateral_colour = { shift = [[1, 0]] }", r"\[lateral_colour\], shift: found .*a list of 3"),
+        ("projector", "lateral_colour = { scale = [2, 1, 1] }", r"\[lateral_colour\], scale: found .* from 0.9 to 1.1"),
+        (
+            "projector",
+            "lateral_colour = { shifts = [] }",
+            r"\[lateral_colour\]: unknown key 'shifts'; did you mean 'shift'",
+        ),
+        ("projector", "halo = { share = 0.1 }", r"\[halo\]: needs radius_deg"),
+        ("projector", "vividness = [5, 0, 0]", r"\[projector\], vividness: found .* 3 numbers from -0.5 to 2"),
+        ("projector", f"vividness = [1, 0, 0]\nwhite_segment = {SEGMENT}", "expected one of vividness, processing and"),
     ],
 )
 def test_wrong_lenses_and_sensors_name_the_key(tmp_path: Path, device: str, line: str, complaint: str) -> None:

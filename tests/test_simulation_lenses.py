@@ -12,8 +12,8 @@ from scipy import stats
 from counterlight.response import Response
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.effects import capture_noise
-from counterlight.tools.simulation.effects.blooming import halo_factors
 from counterlight.tools.simulation.effects.capture_noise import capture, deviation
+from counterlight.tools.simulation.effects.glare import halo_of
 from counterlight.tools.simulation.effects.vignetting import transmission
 from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.needs import needs_of
@@ -184,7 +184,8 @@ def test_halos_of_far_light_and_ambient_light() -> None:
     scene = replace(scene, cells=60, camera=replace(scene.camera, bloom_share=0.2, bloom_radius=0.02))
     sharp, soft = simulate(scene, without=["blooming"]), simulate(scene)
 
-    average, halo, interpolate = halo_factors(scene.camera)
+    glare = halo_of(scene.camera, scene.camera.bloom_radius)
+    average, halo, interpolate = glare.average, glare.kernel, glare.interpolate
     before = sharp.transport.composition() + sharp.ambient.reshape(-1, 3)
     expected = 0.8 * before + 0.2 * (interpolate @ (halo @ (average @ before)))
     after = soft.transport.composition() + soft.ambient.reshape(-1, 3)

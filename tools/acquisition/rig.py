@@ -46,14 +46,15 @@ def open_rig(
 
             def refuse_room(name: str, projectors: Shapes, sensor: Sensor | None) -> None:
                 _check_sizes(options, name, projectors)
-                _settings(options, sensor, response)
+                _settings(options, sensor, response, known=known)
                 refuse(projectors)
 
             rooms = [room for source in sources for room in simulated_rooms(Path(source), refuse_room)]
             projectors = _shared_projectors(rooms)
             shown = options.monitor or options.window
             screen = _screens(options, projectors, opened)[0] if shown else None
-            yield _simulated(options, rooms, response, screen), projectors
+            settings = _settings(options, rooms[0].sensor, response, known=known)
+            yield SimulatedCamera(rooms[0], settings, screen, rooms[1:]), projectors
         elif kind == "folder":
             sizes = _needed_sizes(options)
             refuse(sizes)
@@ -102,17 +103,11 @@ def _shared_projectors(rooms: Sequence[SimulatedRoom]) -> Shapes:
     return first.projectors
 
 
-def _simulated(
-    options: argparse.Namespace, rooms: Sequence[SimulatedRoom], response: Response, screen: VisibleScreen | None
-) -> SimulatedCamera:
-    return SimulatedCamera(rooms[0], _settings(options, rooms[0].sensor, response), screen, rooms[1:])
-
-
-def _settings(options: argparse.Namespace, sensor: Sensor | None, response: Response) -> CameraSettings:
+def _settings(options: argparse.Namespace, sensor: Sensor | None, response: Response, *, known: bool) -> CameraSettings:
     """Returns the camera settings; options override the `sensor` of the scene."""
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
     chosen = replace(sensor or Sensor(), **given)
-    return CameraSettings(chosen, _bracket(options), response, options.seed, options.lag)
+    return CameraSettings(chosen, _bracket(options), response, options.seed, options.lag, known)
 
 
 def _check_sizes(options: argparse.Namespace, name: str, projectors: Shapes) -> None:

@@ -46,7 +46,7 @@ class Elsewhere:
 class Band:
     """Result for some rows of the camera picture.
 
-    near, far : T and U; far is None without far light.
+    near, far, halo : T, U and U' of halo.py; None without far light, or without a halo.
     ambient : e.
     mixing, weight : sums for X, as in crosstalk.of_pixels.
     seen, lit : whether a camera ray met a matt point, and whether projector light reached such a point.
@@ -54,6 +54,7 @@ class Band:
 
     near: SparseRows
     far: SparseRows | None
+    halo: SparseRows | None
     ambient: FloatArray
     mixing: FloatArray
     weight: FloatArray

@@ -10,9 +10,11 @@ from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.files.tables import Table, Vector
 from counterlight.maps.mixing import invertible
+from counterlight.processing import LEVELS, Processing
 from counterlight.response import Response, read_response
 
 MAX_SIDE = 4096
+MOST_SHIFT = 100.0  # projector pixels, of a primary's picture
 MOSAICS = ("RGGB", "BGGR", "GRBG", "GBRG")
 
 
@@ -141,18 +143,45 @@ class Flicker:
 
 
 @dataclass(frozen=True)
+class Lateral:
+    """Pictures of red, green and blue relative to the raster.
+
+    shifts : right and down, in widths of the picture.
+    scales : about the picture's middle.
+    """
+
+    shifts: tuple[tuple[float, float], ...]
+    scales: tuple[float, ...]
+
+    def places(self, width: int) -> list[tuple[float, float, float]]:
+        """Returns shift right and down in pixels, and scale, of each primary."""
+        return [(width * x, width * y, scale) for (x, y), scale in zip(self.shifts, self.scales, strict=True)]
+
+    def enlarged(self, factor: float) -> "Lateral":
+        """Returns fringes that are wider by a factor, relative to the picture."""
+        shifts = tuple((factor * x, factor * y) for x, y in self.shifts)
+        return Lateral(shifts, tuple(1 + factor * (scale - 1) for scale in self.scales))
+
+
+@dataclass(frozen=True)
 class Projector(Device):
     """A projector.
 
     brightness : radiance of a white card that faces it at target_distance.
     black_level : share of white.
     flicker : flicker of the light; None for steady light.
+    lateral : pictures of the primaries; None if they coincide.
+    halo_share : share of light that the lens scatters into a halo.
+    halo_radius : angle of the halo, radians.
     """
 
     brightness: float
     black_level: float
     response: Response
     flicker: Flicker | None = None
+    lateral: Lateral | None = None
+    halo_share: float = 0.0
+    halo_radius: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -180,6 +209,7 @@ class Camera(Device):
     bloom_radius : angle of the halo, radians.
     mixing : (3, 3), channel by primary. What each channel sees of each primary on neutral paint; None: only its own.
     mosaic : colour filters of two rows of two pixels, one of MOSAICS; None: every pixel sees all colours.
+    wander : standard deviation of the gain of a capture's channel.
     """
 
     response: Response
@@ -188,39 +218,79 @@ class Camera(Device):
     sensor: Sensor | None
     mixing: FloatArray | None = None
     mosaic: str | None = None
+    wander: float = 0.0
 
 
 def read_projector(table: Table, folder: Path) -> Projector:
     """Read the projector table of a scene file; `folder` resolves relative paths."""
-    flicker = table.table("flicker", optional=True)
+    flicker, halo = table.table("flicker", optional=True), table.table("halo", optional=True)
+    halo_share, halo_radius = _scattering(halo)
+    pose = _pose(table)
     projector = Projector(
-        **_pose(table),
+        **pose,
         brightness=table.number("brightness", 1.0, 1e-6, 1e6),
         black_level=table.number("black_level", 0.0, 0.0, 1.0),
-        response=read_response(table, folder),
+        response=_with_vividness(table, read_response(table, folder)),
+        lateral=_lateral(table, pose["width"]),
+        halo_share=halo_share,
+        halo_radius=halo_radius,
         flicker=Flicker(flicker.number("depth", None, 0, 1), flicker.number("hz", None, 1, 1e5))
         if flicker.values
         else None,
     )
-    for part in (table, flicker):
+    for part in (table, flicker, halo):
         part.refuse_unknown()
     return projector
 
 
 def read_camera(table: Table, folder: Path) -> Camera:
     bloom, sensor = table.table("bloom", optional=True), table.table("sensor", optional=True)
+    bloom_share, bloom_radius = _scattering(bloom)
     camera = Camera(
         **_pose(table),
         response=read_response(table, folder),
-        bloom_share=bloom.number("share", 0.0, 0.0, 0.9) if bloom.values else 0.0,
-        bloom_radius=float(np.radians(bloom.number("radius_deg", None, 0.001, 30.0))) if bloom.values else 0.0,
+        bloom_share=bloom_share,
+        bloom_radius=bloom_radius,
         sensor=_sensor(sensor) if sensor.values else None,
         mixing=_mixing(table),
         mosaic=table.choice("mosaic", MOSAICS) if "mosaic" in table else None,
+        wander=table.number("wander", 0.0, 0.0, 0.2),
     )
+    if camera.response.segment is not None or camera.response.processing is not None:
+        raise table.refusal(": white_segment and processing are of a projector; leave them out")
     for part in (table, bloom, sensor):
         part.refuse_unknown()
     return camera
+
+
+def _scattering(halo: Table) -> tuple[float, float]:
+    """Returns the share of light in a halo and its radius in radians; 0 for an empty table."""
+    if not halo.values:
+        return 0.0, 0.0
+    return halo.number("share", 0.0, 0.0, 0.9), float(np.radians(halo.number("radius_deg", None, 0.001, 30.0)))
+
+
+def _lateral(table: Table, width: int) -> Lateral | None:
+    lateral = table.table("lateral_colour", optional=True)
+    if not lateral.values:
+        return None
+    shifts = lateral.rows("shift", 3, 2, -MOST_SHIFT, MOST_SHIFT) if "shift" in lateral else np.zeros((3, 2))
+    scales = lateral.numbers("scale", 3, (1.0,) * 3, 0.9, 1.1)
+    lateral.refuse_unknown()
+    return Lateral(tuple((float(x) / width, float(y) / width) for x, y in shifts), tuple(scales.tolist()))
+
+
+def _with_vividness(table: Table, response: Response) -> Response:
+    """Returns the response with colour processing: 1 + v (1 − m) of a primary's light, with m the other codes' mean."""
+    if "vividness" not in table:
+        return response
+    vividness = table.numbers("vividness", 3, None, -0.5, 2.0)
+    if response.segment is not None or response.processing is not None:
+        raise table.refusal(": expected one of vividness, processing and white_segment; leave the others out")
+    steps = np.linspace(0, 1, LEVELS)
+    codes = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    factors = 1 + vividness * (1 - (codes.sum(axis=1, keepdims=True) - codes) / 2)
+    return replace(response, processing=Processing(tuple(map(tuple, factors.tolist()))))
 
 
 def _mixing(table: Table) -> FloatArray | None:

@@ -71,6 +71,14 @@ class EffectsOn:
             if self._calling:
                 self.seconds[self._calling[-1]] -= spent
 
+    def whole(self, effect: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function and charge its time to an effect, with the time of the effects that it calls."""
+        seconds, start = self.seconds, time.process_time()
+        self.seconds = dict(seconds)
+        result = function(*arguments)
+        self.seconds = seconds | {effect: seconds[effect] + time.process_time() - start}
+        return result
+
     def having(self, function: str) -> list[str]:
         """Returns the active effects that define this function, in the order of needs.py."""
         return [name for name, module in self._modules.items() if hasattr(module, function)]

@@ -213,6 +213,43 @@ def _flicker(scene: Scene) -> tuple[bool, str]:
     return True, f"the projector's light swings by {100 * flicker.depth:g} % at {flicker.hz:g} Hz; T has none of it"
 
 
+def _lateral_colour(scene: Scene) -> tuple[bool, str]:
+    projector = scene.projector
+    places = np.array([(0.0, 0.0, 1.0)] * 3 if projector.lateral is None else projector.lateral.places(projector.width))
+    apart = np.hypot(*places[:, :2].T) + np.abs(places[:, 2] - 1) * np.hypot(projector.width, projector.height) / 2
+    if apart.max() < SHARP:
+        return False, "the projector's primaries coincide"
+    return True, f"the projector's primaries are up to {apart.max():.2g} pixels off the raster"
+
+
+def _halo(scene: Scene) -> tuple[bool, str]:
+    share, radius = scene.projector.halo_share, np.degrees(scene.projector.halo_radius)
+    if not share:
+        return False, "the projector's lens scatters no light"
+    return True, f"the projector scatters {100 * share:g} % of the light into a halo of {radius:.3g}°"
+
+
+def _colour_processing(scene: Scene) -> tuple[bool, str]:
+    response = scene.projector.response
+    if response.processing is None and response.segment is None:
+        return False, "the projector's light of a primary depends on its own code alone"
+    means = "a white segment" if response.processing is None else "colour processing"
+    return True, f"the projector has {means}; it is in the response, and T has none of it"
+
+
+def _camera_curve(scene: Scene) -> tuple[bool, str]:
+    kind = scene.camera.response.kind
+    if kind == "linear":
+        return False, "the camera is linear"
+    return True, f"pictures taken have the curve '{kind}'; T has none of it"
+
+
+def _wander(scene: Scene) -> tuple[bool, str]:
+    if not scene.camera.wander:
+        return False, "the camera's gains are steady"
+    return True, f"the gain of each picture's channel is {100 * scene.camera.wander:g} % off; T has none of it"
+
+
 def _overlap_in_projector(scene: Scene, a: Surface, b: Surface) -> bool:
     outlines = []
     for surface in (a, b):
@@ -226,6 +263,7 @@ def _overlap_in_projector(scene: Scene, a: Surface, b: Surface) -> bool:
 
 RULES: dict[str, Rule] = {
     "distortion": _distortion,
+    "lateral_colour": _lateral_colour,
     "camera_defocus": lambda scene: _defocus(scene.camera, scene),
     "direct": _direct,
     **OPTICS,
@@ -233,23 +271,35 @@ RULES: dict[str, Rule] = {
     "shadows": _shadows,
     "vignetting": _vignetting,
     "inter_reflection": _inter_reflection,
+    "halo": _halo,
     "ambient_light": _ambient_light,
     "black_level": _black_level,
     "blooming": _blooming,
     "crosstalk": _crosstalk,
     "colour_filters": _colour_filters,
+    "colour_processing": _colour_processing,
     "flicker": _flicker,
+    "wander": _wander,
+    "camera_curve": _camera_curve,
     "capture_noise": _capture_noise,
 }
+OF_DEVICES = (
+    "colour_processing",
+    "flicker",
+    "wander",
+    "camera_curve",
+    "capture_noise",
+)  # effects of devices: T has none of them
 TAKES = ("shadows", "vignetting")  # effects whose energy is what they remove
 MOVES = (
     "distortion",
+    "lateral_colour",
+    "halo",
     "camera_defocus",
     "projector_defocus",
     "dispersion",
     "blooming",
     "crosstalk",
     "colour_filters",
-    "flicker",
-    "capture_noise",
+    *OF_DEVICES,
 )  # effects whose energy is what they move elsewhere

@@ -22,8 +22,15 @@
                                        # fit-response, in this folder or below (default "linear")
     flicker = { depth = 0.05, hz = 240 }   # amplitude as a share of the mean, and frequency; only in captures
                                            # (default: steady)
+    vividness = [0.25, 0.2, 0.15]      # colour processing: a primary alone has this much more light than in white (also
+                                       # white_segment or processing, as in calibration.toml; default: light adds up)
+    lateral_colour = { shift = [[1.1, 0.4], [0, 0], [-0.9, -0.3]], scale = [1.003, 1, 0.998] }   # of the pictures of
+                                       # red, green and blue: pixels right and down, and size (default: they coincide)
+    halo = { share = 0.07, radius_deg = 1 }        # light that the lens scatters around each pixel (default none)
 
-    [camera]                           # width to distortion and response as above, and:
+    [camera]                           # width to distortion as above, and:
+    response = "srgb"                  # the curve of captures, as the projector's response (default "linear")
+    wander = 0.025                     # deviation of the gain of a capture's channel (default 0)
     mosaic = "RGGB"                    # colour filters, from the upper left, and bilinear interpolation; or BGGR, GRBG,
                                        # GBRG (default: every pixel sees all colours)
     bloom = { share = 0.03, radius_deg = 0.4 }     # light that lens and sensor scatter into a halo (default none)

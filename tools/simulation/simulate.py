@@ -148,13 +148,20 @@ class _Simulation:
         self.ambient = np.zeros((pixels, 3))
         self.seen, self.lit, self.elsewhere_s = False, False, 0.0
         self.mixing, self.weight = np.zeros((pixels, 9)), np.zeros(pixels)
-        self.maps: dict[str, Any] = {}
+        self.primaries: list[tuple[Scene, FloatArray | None]] = [(self.scene, None)]
+        if "lateral_colour" in self.effects:
+            self.primaries = self.effects.call("lateral_colour", "primaries", self.scene)
+        if "halo" in self.effects:
+            cells = self.effects.call("halo", "halo_cells", self.scene).cells
+            self.halo = NearLight((pixels, cells), 0.0, scene.name)
+        self.maps: list[dict[str, Any]] = []
         self.exchange: Any = None
 
     def prepare(self) -> None:
         """Prepare the data that all bands share: light maps and the exchange of the far light."""
-        scene, effects = self.scene, self.effects
-        self.maps = {name: effects.call(name, "light_map", scene, effects) for name in effects.having("light_map")}
+        scene, effects, scenes = self.scene, self.effects, [each for each, _ in self.primaries]
+        names = effects.having("light_map")
+        self.maps = [{name: effects.call(name, "light_map", each, effects) for name in names} for each in scenes]
         if "inter_reflection" in effects:
             self.exchange = effects.call("inter_reflection", "prepare", scene, self._deposits())
             self.far = NearLight((scene.camera.pixels, self.exchange.cells), 0.0, scene.name)
@@ -177,9 +184,11 @@ class _Simulation:
         return self._finished()
 
     def _deposits(self) -> Iterator[Deposits]:
-        yield from deposits(self.scene, self.effects)
-        for name, light_map in self.maps.items():
-            yield from self.effects.timed(name, light_map.deposits)
+        for (scene, own), maps in zip(self.primaries, self.maps, strict=True):
+            found = [partial(deposits, scene, self.effects)]
+            found += [partial(self.effects.timed, name, light_map.deposits) for name, light_map in maps.items()]
+            for each in found:
+                yield from each() if own is None else (replace(part, flux=part.flux * own) for part in each())
 
     def _take_all(self, bands: list[range], elsewhere: Elsewhere) -> None:
         """Take bands in picture order, not in order of completion: the order decides how rows are shortened."""
@@ -200,6 +209,8 @@ class _Simulation:
         self.near.add(band.near, done)
         if band.far is not None:
             self.far.add(band.far, done)
+        if band.halo is not None:
+            self.halo.add(band.halo, done)
         self.ambient[here], self.mixing[here], self.weight[here] = band.ambient, band.mixing, band.weight
         self.seen, self.lit = self.seen or band.seen, self.lit or band.lit
 
@@ -214,14 +225,16 @@ class _Simulation:
             self.seen = True
             for start in range(0, batch.pixel.size, SAMPLES_AT_ONCE):
                 self._light(batch.at(slice(start, start + SAMPLES_AT_ONCE)), near, far)
-        reduced = []
+        reduced, halo = [], near.pop("halo", [])
         for effect, entries in near.items():
             pixel, column, weights = _joined(entries)
             place, weights = summed((pixel - first) * columns + column, weights)
-            blurred = (
-                place.size - np.unique(np.concatenate(self.sharp)).size if effect == "direct" and self.sharp else 0
-            )
-            self.effects.account(effect, weights.sum(), place.size - blurred)
+            fringes = int(np.sum(weights[:, 1] == 0)) if effect == "direct" and len(self.primaries) > 1 else 0
+            own = place.size - fringes
+            blurred = own - np.unique(np.concatenate(self.sharp)).size if effect == "direct" and self.sharp else 0
+            self.effects.account(effect, weights.sum(), own - blurred)
+            if fringes:
+                self.effects.account("lateral_colour", 0.0, fringes)
             if effect in THROUGH_GLASS and "dispersion" in self.effects:
                 self.effects.account("dispersion", weights.sum())
             if blurred:
@@ -231,6 +244,7 @@ class _Simulation:
         return Band(
             self.near.band(first, count, *_joined(reduced)),
             None if self.exchange is None else self.far.band(first, count, *_joined(far)),
+            self.halo.band(first, count, *_joined(halo)) if "halo" in self.effects else None,
             *(self.ambient[here], self.mixing[here], self.weight[here]),
             *(self.seen, self.lit),
         )
@@ -239,14 +253,14 @@ class _Simulation:
         """Add all contributions of one batch of samples."""
         paint, around = paint_of(self.scene, samples), 1 / np.pi
         matt = samples.throughput * albedo_of(self.scene, samples, paint, self.effects) * around
-        for found in self._arrivals(samples):
-            weights = self._seen_light(samples, paint, found)
-            effect = found.effect if samples.effect == "direct" else samples.effect
-            lit = weights @ np.ones(3) > 0  # a product is much faster than any() over three columns
-            if lit.any():
-                self.lit = True
-                entries = samples.pixel[found.sample[lit]], found.pixel[lit], weights[lit]
-                near.setdefault(effect, []).append(self._merged(*entries) if lit.size > MANY else entries)
+        for number in range(len(self.primaries)):
+            if number:
+                self.effects.whole("lateral_colour", self._light_of, number, samples, paint, near)
+            else:
+                self._light_of(number, samples, paint, near)
+        if "halo" in self.effects:
+            for found in self.effects.call("halo", "arrivals", self.scene, samples):
+                self._add(self.scene, samples, paint, found, near)
         if "ambient_light" in self.effects:
             added = self.effects.call("ambient_light", "radiance", self.scene, matt)
             self.effects.account("ambient_light", added.sum())
@@ -257,6 +271,25 @@ class _Simulation:
         if self.exchange is not None:
             far += self.effects.call("inter_reflection", "seen_by_camera", self.scene, self.exchange, samples, matt)
 
+    def _light_of(self, number: int, samples: Samples, paint: FloatArray, near: dict[str, list[Entries]]) -> None:
+        """Add the light of a primary, or of all of them if their pictures coincide."""
+        scene, own = self.primaries[number]
+        for found in self._arrivals(scene, self.maps[number], samples):
+            sent = found if own is None else replace(found, irradiance=found.irradiance * own)
+            self._add(scene, samples, paint, sent, near)
+
+    def _add(
+        self, scene: Scene, samples: Samples, paint: FloatArray, found: Arrivals, near: dict[str, list[Entries]]
+    ) -> None:
+        """Add the light of arrivals to the entries of their effect."""
+        weights = self._seen_light(scene, samples, paint, found)
+        effect = samples.effect if samples.effect != "direct" and found.effect != "halo" else found.effect
+        lit = weights @ np.ones(3) > 0  # a product is much faster than any() over three columns
+        if lit.any():
+            self.lit = True
+            entries = samples.pixel[found.sample[lit]], found.pixel[lit], weights[lit]
+            near.setdefault(effect, []).append(self._merged(*entries) if lit.size > MANY else entries)
+
     def _mix(self, samples: Samples, weight: FloatArray) -> None:
         """Add the primaries that samples see to the sums of their pixels."""
         found = self.effects.call("crosstalk", "of_samples", self.scene, samples).reshape(-1, 9)
@@ -266,21 +299,23 @@ class _Simulation:
 
     def _merged(self, pixel: IntArray, column: IntArray, weights: FloatArray) -> Entries:
         """Sum the entries of several samples of one pixel."""
-        columns = self.scene.projector.pixels
+        columns = int(column.max(initial=0)) + 1
         place, weights = summed(pixel * columns + column, weights)
         return place // columns, place % columns, weights
 
-    def _arrivals(self, samples: Samples) -> Iterator[Arrivals]:
-        yield from arrivals(self.scene, samples, self.effects)
-        for name, light_map in self.maps.items():
+    def _arrivals(self, scene: Scene, maps: dict[str, Any], samples: Samples) -> Iterator[Arrivals]:
+        yield from arrivals(scene, samples, self.effects)
+        for name, light_map in maps.items():
             yield from self.effects.timed(name, light_map.arrivals, samples)
 
-    def _seen_light(self, samples: Samples, paint: FloatArray, found: Arrivals) -> FloatArray:
-        """Returns the radiance (n, 3) that arrivals cause in the camera's pixels, after shadows and lens losses."""
-        scene, effects = self.scene, self.effects
-        straight = found.effect == "direct"
+    def _seen_light(self, scene: Scene, samples: Samples, paint: FloatArray, found: Arrivals) -> FloatArray:
+        """Returns the radiance (n, 3) that arrivals cause in the camera's pixels, after shadows and lens losses.
+
+        scene : the scene with the projector of these arrivals.
+        """
+        effects, straight = self.effects, found.effect == "direct"
         reflectance = paint[found.sample] / np.pi
-        if not straight and not effects.having("reflectance"):  # most arrivals of a light map
+        if found.effect not in ("direct", "halo") and not effects.having("reflectance"):  # most arrivals of a light map
             return np.asarray(samples.throughput[found.sample] * reflectance * found.irradiance)
         there = samples.at(found.sample)
         for name in effects.having("reflectance"):
@@ -288,7 +323,7 @@ class _Simulation:
             to_light /= np.linalg.norm(to_light, axis=1, keepdims=True)
             reflectance = effects.call(name, "reflectance", scene, there, to_light, reflectance)
         weights = there.throughput * reflectance * found.irradiance
-        if straight and "shadows" in effects:
+        if found.effect in ("direct", "halo") and "shadows" in effects:
             dark = effects.call("shadows", "shaded", scene, there.point, found.origin)
             effects.account("shadows", weights[dark].sum())
             weights[dark] = 0
@@ -297,20 +332,24 @@ class _Simulation:
             effects.account("vignetting", weights.sum() - passed.sum())
             weights = passed
         if straight and samples.effect == "direct":
-            self._account_moves(there, found, weights)
+            self._account_moves(scene, there, found, weights)
         return weights
 
-    def _account_moves(self, there: Samples, found: Arrivals, weights: FloatArray) -> None:
-        """Account light whose pixels differ from the pixels of pinholes without distortion."""
+    def _account_moves(self, scene: Scene, there: Samples, found: Arrivals, weights: FloatArray) -> None:
+        """Account light whose pixels differ from the pixels of pinholes without distortion or lateral colour."""
         if "distortion" in self.effects:
             ends = ((self.straight.projector, found.pixel), (self.straight.camera, there.pixel))
             same = [device.pixel_at(*device.project(there.point)[:2]) == pixel for device, pixel in ends]
             self.effects.account("distortion", weights[~(same[0] & same[1])].sum())
-        projector, camera = self.scene.projector, self.scene.camera
+        if "lateral_colour" in self.effects:
+            moved = self.scene.projector.pixel_at(*self.scene.projector.project(there.point)[:2]) != found.pixel
+            self.effects.account("lateral_colour", weights[moved].sum())
+        projector, camera = scene.projector, scene.camera
         if "projector_defocus" in self.effects:
             moved = projector.pixel_at(*projector.project(there.point)[:2]) != found.pixel
             self.effects.account("projector_defocus", weights[moved].sum())
-            self.sharp.append(np.unique((there.pixel * projector.pixels + found.pixel)[~moved]))
+            if scene is self.primaries[len(self.primaries) // 2][0]:  # green, or all primaries
+                self.sharp.append(np.unique((there.pixel * projector.pixels + found.pixel)[~moved]))
         if "camera_defocus" in self.effects:
             moved = camera.pixel_at(*camera.project(there.point)[:2]) != there.pixel
             self.effects.account("camera_defocus", weights[moved].sum())
@@ -323,6 +362,13 @@ class _Simulation:
         if far is not None:
             lit = far.apply(np.ones((scene.projector.pixels, 3)))
             effects.account("inter_reflection", lit.sum(), _numbers(far))
+        if "halo" in effects:
+            dims = "vignetting" in effects and scene.projector.vignetting
+            sent = effects.call("vignetting", "transmission", scene.projector) if dims else None
+            moved = scene.projector.halo_share * float(transport.composition().sum())
+            transport = effects.call("halo", "scattered", scene, transport, self.halo.rows(), sent)
+            effects.account("halo", moved, _numbers(transport.far) - _numbers(far))
+            far = transport.far
         composition = transport.composition()
         if "black_level" in effects:
             added = effects.call("black_level", "radiance", scene, composition)
@@ -347,8 +393,9 @@ class _Simulation:
             transport = seen
         if "colour_filters" in effects:
             transport, ambient, spectral = self._through_filters(transport, ambient, spectral)
-        if "flicker" in effects:
-            effects.account("flicker", effects.call("flicker", "deviation", scene) * float(composition.sum()))
+        for name in ("colour_processing", "flicker", "wander", "camera_curve"):
+            if name in effects:
+                effects.account(name, effects.call(name, "deviation", scene) * float(composition.sum()))
         picture = ambient.reshape(*shape, 3).astype(np.float32)
         spent = time.process_time() - self.start[0] + self.elsewhere_s, time.perf_counter() - self.start[1]
         return Simulated(transport, picture, self._reports(total), *spent, spectral, self.near.blurring())

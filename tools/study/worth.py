@@ -21,7 +21,7 @@ from counterlight.errors import InputError
 from counterlight.pipeline.content import psnr
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.simulation.devices import Device
-from counterlight.tools.simulation.needs import Need
+from counterlight.tools.simulation.needs import OF_DEVICES, Need
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.simulate import simulate
@@ -36,7 +36,7 @@ FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # largest numbers in the small room
 MOST_BENT = 0.25  # largest slope of a lens that does not fold: three pixels in the small picture's corner
 GAP, MOST_STEPS = 3e-3, 300  # relative gap of the box optimum, 0.013 dB; limit of steps for a T that lacks an effect
 # no picture exists without direct light; T does not contain the others
-UNJUDGED = ("direct", "flicker", "capture_noise")
+UNJUDGED = ("direct", *OF_DEVICES)
 FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # few numbers per pixel: too fast to leave out
 SPENT = 0.5  # share of a tolerance that the small room may lose
 
@@ -72,7 +72,7 @@ def _affordable(judge: "_Judge", costly: Sequence[str], worth: Mapping[str, floa
     return off
 
 
-def _small(scene: Scene) -> Scene:
+def small_room(scene: Scene) -> Scene:
     """Returns the scene at a size at which judging takes seconds; lengths in pixels stay the same.
 
     Circles of confusion, halos, scattering lengths and dispersion grow with the pixels, and lenses bend the picture by
@@ -89,13 +89,23 @@ def _small(scene: Scene) -> Scene:
             small.camera,
             aperture=scale * camera.aperture,
             distortion=_bent(camera, scale),
-            bloom_radius=float(np.arctan(scale * np.tan(camera.bloom_radius))),
+            bloom_radius=_wider(camera.bloom_radius, scale),
         ),
-        projector=replace(small.projector, aperture=scale * projector.aperture, distortion=_bent(projector, scale)),
+        projector=replace(
+            small.projector,
+            aperture=scale * projector.aperture,
+            distortion=_bent(projector, scale),
+            halo_radius=_wider(projector.halo_radius, scale),
+            lateral=None if projector.lateral is None else projector.lateral.enlarged(scale),
+        ),
         surfaces=tuple(replace(each, material=each.material.enlarged(scale)) for each in scene.surfaces),
         samples=min(scene.samples, FEWEST_SAMPLES),
         cells=min(scene.cells, FEWEST_CELLS),
     )
+
+
+def _wider(angle: float, scale: float) -> float:
+    return float(np.arctan(scale * np.tan(angle)))
 
 
 def _bent(device: Device, scale: float) -> tuple[float, ...]:
@@ -114,7 +124,7 @@ class _Judge:
     """The small room with all its effects, and windows of pictures with their best drives."""
 
     def __init__(self, scene: Scene, needs: Mapping[str, Need]) -> None:
-        self._scene, self._needs = _small(scene), needs
+        self._scene, self._needs = small_room(scene), needs
         self._whole = _Room(self._scene, needs)
         own, small = ((each.camera.height, each.camera.width) for each in (scene, self._scene))
         white, pictures = self._whole.tier.white, find_pictures(PICTURES)

@@ -28,6 +28,7 @@ from counterlight.tools.simulation.devices import Flicker, Sensor
 from counterlight.tools.simulation.effects.capture_noise import capture
 from counterlight.tools.simulation.effects.colour_filters import interpolated
 from counterlight.tools.simulation.effects.flicker import gains
+from counterlight.tools.simulation.effects.wander import gains as wandering
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
@@ -45,6 +46,7 @@ class CameraSettings:
     exposures : exposures of a bracket; 1 puts the floodlit room's brightest pixel at 80 % of full scale.
     seed : capture n always has the noise of (seed, n), whatever was captured before.
     lag : frames until a picture reaches the sensor.
+    known : whether the response was given. A camera with a curve of its own is otherwise measured.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
@@ -52,6 +54,7 @@ class CameraSettings:
     response: Response = LINEAR
     seed: int = 0
     lag: int = 0
+    known: bool = field(default=True, repr=False)
 
     def __post_init__(self) -> None:
         if not 1 <= self.sensor.bits <= 16:
@@ -81,6 +84,8 @@ class SimulatedRoom:
     gain : (3,). Factor from the camera's own light to the light of the transport; None for 1.
     flicker : flicker of the projector's light; None for none.
     mosaic : the camera's colour filters; None for none.
+    curve : the camera's curve; None for a camera that has the response of its settings.
+    wander : standard deviation of the gain of a capture's channel.
     """
 
     name: str
@@ -93,6 +98,8 @@ class SimulatedRoom:
     gain: FloatArray | None = None
     flicker: Flicker | None = None
     mosaic: str | None = None
+    curve: Response | None = None
+    wander: float = 0.0
 
     @property
     def projector(self) -> Shape:
@@ -174,9 +181,11 @@ class SimulatedEye:
 
     def _shot(self, light: FloatArray) -> Shot:
         """Returns code values of light, where 1 is full scale; the top code fills the container."""
-        sensor, mosaic = self._settings.sensor, self._room.mosaic
-        developed = None if mosaic is None else partial(interpolated, mosaic)
-        codes = capture(light, sensor, self._settings.response, self._rng, developed)
+        sensor, room = self._settings.sensor, self._room
+        developed = None if room.mosaic is None else partial(interpolated, room.mosaic)
+        if room.wander:
+            light = light * wandering(room.wander, self._rng)
+        codes = capture(light, sensor, room.curve or self._settings.response, self._rng, developed)
         return np.asarray(_container(sensor.bits).take(codes))
 
 
@@ -211,7 +220,8 @@ class SimulatedCamera(LiveCamera):
             SimulatedEye(each, replace(settings, seed=seed), shown, unit)
             for each, seed in zip(rooms, seeds, strict=True)
         ]
-        super().__init__(shown, together(eyes), Exposures(times, settings.response), lag=settings.lag)
+        exposures = Exposures(times, settings.response, settings.known or room.curve is None)
+        super().__init__(shown, together(eyes), exposures, lag=settings.lag)
 
 
 def simulated_rooms(source: Path, refuse: Refuse = lambda *_: None) -> list[SimulatedRoom]:
@@ -262,4 +272,6 @@ def _simulated(scene: Scene) -> SimulatedRoom:
         scene.camera.sensor,
         flicker=scene.projector.flicker,
         mosaic=scene.camera.mosaic,
+        curve=None if scene.camera.response.kind == "linear" else scene.camera.response,
+        wander=scene.camera.wander,
     )

@@ -11,7 +11,6 @@ integers nearest to the quantiles from cumulants (Cornish and Fisher 1938),
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 
 import numba
 import numpy as np
@@ -25,7 +24,6 @@ from counterlight.tools.simulation.devices import Camera, Sensor
 
 SATURATING = 99.9  # percentile of the floodlit room that fills the wells
 OVERFLOW = 2.0  # brighter light is clipped to this level
-ENCODING_STEPS = 1 << 16
 FEW = 16.0  # electrons; above this mean, no probability is wrong by more than 5e-4 of the largest
 MANY = 1 << 16  # number of values from which all cores are used
 
@@ -46,7 +44,11 @@ def capture(
         light = _noisy(light, sensor, random)
     light = np.clip(light, 0, 1)
     light = light if developed is None else developed(light)
-    codes: NDArray[np.uint16] = np.rint(_codes(light, response) * (2**sensor.bits - 1)).astype(np.uint16)
+    if response.kind != "linear":
+        from counterlight.tools.simulation.effects.camera_curve import encoded  # imported only for a curve
+
+        light = encoded(light, response)
+    codes: NDArray[np.uint16] = np.rint(light * (2**sensor.bits - 1)).astype(np.uint16)
     return codes
 
 
@@ -83,18 +85,3 @@ def deviation(camera: Camera, radiance: FloatArray) -> FloatArray:
     electrons = np.clip(radiance / white, 0, 1) * sensor.full_well
     rounding = sensor.full_well / (2**sensor.bits - 1) / np.sqrt(12)
     return np.asarray(np.sqrt(electrons + sensor.read_noise**2 + rounding**2) * white / sensor.full_well)
-
-
-def _codes(light: FloatArray, response: Response) -> FloatArray:
-    """Apply the inverse of the response: light 0..1 to codes 0..1, (rows, columns, 3)."""
-    if response.kind == "linear":
-        return light
-    codes, curve = _curve(response)
-    return np.stack([np.interp(light[..., i], curve[:, i], codes) for i in range(3)], axis=-1)
-
-
-@lru_cache(maxsize=2)
-def _curve(response: Response) -> tuple[FloatArray, FloatArray]:
-    """Returns equally spaced code values, (steps,), and their light, (steps, 3)."""
-    codes = np.linspace(0, 1, ENCODING_STEPS)
-    return codes, response.to_linear(np.repeat(codes[:, None], 3, axis=1))
