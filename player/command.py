@@ -312,6 +312,10 @@ def at_least_0(text: str, expectation: str) -> float:
     return number
 
 
+def parse_seconds(text: str) -> float:
+    return at_least_0(text, f"expected a number of seconds, 0 or more, found {text!r}")
+
+
 def progress_bar(label: str, total: int | None) -> Any:
     """Return a tqdm bar on stderr whose length does not depend on its label."""
     from tqdm import tqdm  # imported late, because counterlight doctor uses this module to report a missing tqdm

@@ -2,7 +2,7 @@
 // Multiplies a picture by a sparse matrix of 4-byte words, LANES invocations per output pixel. small_map.frag does so in
 // fragments; row_map.comp uses entries of 16 bytes.
 //
-// Inputs: `Rows`, `Groups` and `Words` in the layout of player/maps/sliced_words.py; `source`, the picture; `scale`,
+// Inputs: `Rows`, `Groups` and `Words` in the layout of player/maps/sliced_map.py; `source`, the picture; `scale`,
 //   the scale of the codes.
 // Defines: GROUP, LANES, SOURCE_WIDTH; COLOURED; the defines of product.glsl.
 // Output: `target`, output size, one value per row and channel.

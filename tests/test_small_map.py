@@ -8,8 +8,7 @@ import pytest
 from counterlight.maps import row_map
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import SparseRows, pack, unpack
-from counterlight.maps.sliced_map import GROUP, NO_PIXEL
-from counterlight.maps.sliced_words import word_parts
+from counterlight.maps.sliced_map import GROUP, NO_PIXEL, word_parts
 from counterlight.maps.small_map import (
     FULL_TRUST,
     LARGEST_CODE,

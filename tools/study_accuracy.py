@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, at_least_0, command_line, conclusion, parse_size, verb
+from counterlight.command import Parser, command_line, conclusion, parse_seconds, parse_size, verb
 from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
 from counterlight.tools.shared_options import add_cluster, add_colour, workers_of
 from counterlight.tools.shipped import shipped_scenes
@@ -31,10 +31,6 @@ def main(argv: Sequence[str] | None) -> None:
             print(line, flush=True)
     action = command_line("build", options.rooms[0]) if options.rooms else command_line("study", "ROOM")
     print(conclusion(f"{options.output}: studied {', '.join(place.stem for place in places)}", action))
-
-
-def _seconds(text: str) -> float:
-    return at_least_0(text, f"expected a number of seconds, 0 or more, found {text!r}")
 
 
 def _parser() -> Parser:
@@ -79,7 +75,7 @@ def _parser() -> Parser:
     )
     add(
         "--patience",
-        type=_seconds,
+        type=parse_seconds,
         default=10.0,
         metavar="SECONDS",
         help="vary the parameters of the whole inverse only where it takes at most this (default 10)",

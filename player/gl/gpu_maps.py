@@ -16,8 +16,7 @@ from counterlight.errors import InputError
 from counterlight.gl.passes import ShaderPass, float_texture, integer_texture
 from counterlight.gl.shaders import build_compute_program
 from counterlight.maps.row_map import RowMap, UintArray
-from counterlight.maps.sliced_map import GROUP, lanes_of, parts
-from counterlight.maps.sliced_words import lanes_of_words, word_parts
+from counterlight.maps.sliced_map import GROUP, lanes_of, lanes_of_words, parts, word_parts
 from counterlight.maps.small_map import WORD_BYTES
 from counterlight.maps.word_map import WordMap
 from counterlight.passes import product

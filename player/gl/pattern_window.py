@@ -13,7 +13,26 @@ ESCAPE = "escape"
 CLOSED = "closed"  # a key name that no keyboard sends
 
 
-class PatternWindow:
+class _PictureWindow:
+    """A window that shows one picture, `shape` (height, width), from a texture."""
+
+    def __init__(self, window: Window, shape: tuple[int, int]) -> None:
+        self._window, self.shape = window, shape
+        height, width = shape
+        self._texture = window.context.texture((width, height), 3, alignment=1, dtype="f1")
+        self._texture.filter = moderngl.NEAREST, moderngl.NEAREST
+
+    def _write(self, codes: NDArray[np.uint8]) -> None:
+        self._window.make_current()  # another window may be current
+        self._texture.write(np.ascontiguousarray(codes).tobytes())
+
+    def release(self) -> None:
+        self._window.make_current()
+        self._texture.release()
+        self._window.release()
+
+
+class PatternWindow(_PictureWindow):
     """A window of the projector's size, or a filled monitor; black at first.
 
     shape : (height, width).
@@ -22,12 +41,10 @@ class PatternWindow:
 
     def __init__(self, shape: tuple[int, int], monitor: Monitor | None) -> None:
         full = monitor is not None
-        self._window = Window(shape, "Counterlight patterns", monitor=monitor, fullscreen=full, exact=True, vsync=True)
-        self.shape, self.monitor = shape, monitor
-        height, width = shape
-        self._texture = self._window.context.texture((width, height), 3, alignment=1, dtype="f1")
-        self._texture.filter = moderngl.NEAREST, moderngl.NEAREST
-        self._window.attach(lambda: self._texture)
+        window = Window(shape, "Counterlight patterns", monitor=monitor, fullscreen=full, exact=True, vsync=True)
+        super().__init__(window, shape)
+        self.monitor = monitor
+        window.attach(lambda: self._texture)
         self.show(np.zeros((*shape, 3), np.uint8))
 
     @property
@@ -41,8 +58,7 @@ class PatternWindow:
 
         Raises InputError if the window was closed or does not fill its monitor, KeyboardInterrupt after Escape.
         """
-        self._window.make_current()  # another window may be current
-        self._texture.write(np.ascontiguousarray(codes).tobytes())
+        self._write(codes)
         for _ in range(2):  # both buffers: a driver may show either
             self._window.present(None, black=False)
             self._window.context.finish()
@@ -53,13 +69,8 @@ class PatternWindow:
         if self._window.closed:
             raise InputError("the window of the patterns was closed; run the same command again to go on")
 
-    def release(self) -> None:
-        self._window.make_current()
-        self._texture.release()
-        self._window.release()
 
-
-class PreviewWindow:
+class PreviewWindow(_PictureWindow):
     """A plain window that shows a camera's live picture with a page of text.
 
     shape : (height, width) of its pictures.
@@ -68,24 +79,13 @@ class PreviewWindow:
     """
 
     def __init__(self, shape: tuple[int, int], monitor: Monitor, corner: tuple[int, int]) -> None:
-        self._window = Window(
-            shape, "Counterlight preview", monitor=monitor, fullscreen=False, exact=False, vsync=False
-        )
-        self._window.place(monitor.x + corner[0], monitor.y + corner[1])
-        self.shape = shape
-        height, width = shape
-        self._texture = self._window.context.texture((width, height), 3, alignment=1, dtype="f1")
-        self._texture.filter = moderngl.NEAREST, moderngl.NEAREST
-        self._window.attach(lambda: self._texture, lambda: False)
+        window = Window(shape, "Counterlight preview", monitor=monitor, fullscreen=False, exact=False, vsync=False)
+        window.place(monitor.x + corner[0], monitor.y + corner[1])
+        super().__init__(window, shape)
+        window.attach(lambda: self._texture, lambda: False)
 
     def show(self, picture: NDArray[np.uint8], page: Page) -> list[str]:
         """Show (height, width, 3) code values; returns the keys pressed since the last call."""
-        self._window.make_current()
-        self._texture.write(np.ascontiguousarray(picture).tobytes())
+        self._write(picture)
         self._window.present(page, black=False)
         return [*self._window.poll(0), *([CLOSED] if self._window.closed else [])]
-
-    def release(self) -> None:
-        self._window.make_current()
-        self._texture.release()
-        self._window.release()

@@ -3,7 +3,7 @@
 rows : a row's first word and, if the map has colours, its colour; one line more than the output, to end the last row.
 words : the rows' runs in sequence, line by line.
 
-This module writes and reads the format; shaders/small_map.frag applies it directly, and sliced_words.py rearranges it
+This module writes and reads the format; shaders/small_map.frag applies it directly, and sliced_map.py rearranges it
 for small_map.comp.
 """
 

@@ -182,6 +182,27 @@ class ChainPass(Generic[Picture]):
             product.release()
 
 
+class SumPass(Owning, Generic[Picture]):
+    """A near map plus chains: target = base ± (near + Σ chain) · source.
+
+    combining : how the near map and each chain are combined with what is before them.
+    """
+
+    def __init__(
+        self, stored: StoredMaps[Picture], near: RowMap, chains: Sequence[MapChain], combining: Sequence[Combining]
+    ) -> None:
+        self._owner = Owner()
+        self._near = self._owner.own(stored.of(near).product(combining[0]))
+        pairs = zip(chains, combining[1:], strict=True)
+        self._chains = [self._owner.own(ChainPass(stored, chain, how)) for chain, how in pairs]
+
+    def run(self, source: Picture, base: Picture | None = None) -> Picture:
+        target = self._near.run(source, base)
+        for chain in self._chains:
+            target = chain.run(source, target)
+        return target
+
+
 class Planes(Protocol[Drawn]):
     """The planes of one pixel format, and the pass planes_to_linear."""
 

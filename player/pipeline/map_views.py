@@ -8,9 +8,10 @@ import numpy as np
 from counterlight.maps.mixing import UNLIMITED
 from counterlight.passes.drawing import Canvas, Picture, Rows
 from counterlight.passes.mixing import Mix
+from counterlight.passes.product import Combining
 from counterlight.passes.reach import Reach
 from counterlight.passes.shown_maps import Clipping, ErrorMap, Impossible
-from counterlight.pipeline.device import ChainPass, Device, Owner, Owning, StoredMaps
+from counterlight.pipeline.device import Device, Owner, Owning, StoredMaps, SumPass
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.views import (
     CLIP_FAINT,
@@ -39,27 +40,21 @@ class Observer(Owning, Generic[Picture]):
     ) -> None:
         maps, self._owner = stored.room.maps, Owner()
         own = self._owner.own
-        self._near = own(stored.of(maps.transport).product("ADD_TO_BASE"))
         chains = [chain for chain in maps.chains if far or chain is not maps.far]
-        self._chains = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in chains]
+        adding: list[Combining] = ["ADD_TO_BASE"] * (1 + len(chains))
+        self._transport = own(SumPass(stored, maps.transport, chains, adding))
         self._ambient, self._mixer = ambient, mixer
         self._seen = own(mixer.canvas()) if mixer.mixes else None
 
     def run(self, drive: Picture) -> Picture:
         rows = self._mixer.seen_rows
         if self._seen is None or rows is None:
-            return self._light(drive, self._ambient)
+            return self._transport.run(drive, self._ambient)
         return self._seen.draw(Mix(self.light(drive), self._ambient, rows))
 
     def light(self, drive: Picture) -> Picture:
         """Return T p."""
-        return self._light(drive, self._mixer.black)
-
-    def _light(self, drive: Picture, base: Picture) -> Picture:
-        light = self._near.run(drive, base)
-        for chain in self._chains:
-            light = chain.run(drive, light)
-        return light
+        return self._transport.run(drive, self._mixer.black)
 
 
 class MapViews(Owning, Generic[Picture]):

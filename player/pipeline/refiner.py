@@ -11,11 +11,12 @@ from counterlight.passes.certificate import Gap, Weighted
 from counterlight.passes.drawing import Canvas, Picture
 from counterlight.passes.product import Combining
 from counterlight.passes.refinement_step import Slope, Ties
-from counterlight.pipeline.device import ChainPass, Device, Owner, Owning, StoredMaps
+from counterlight.pipeline.device import Device, Owner, Owning, StoredMaps, SumPass
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.starts import Iterate
 
+ADD: Combining = "ADD_TO_BASE"
 SUBTRACT: Combining = "SUBTRACT_FROM_BASE"
 
 
@@ -51,13 +52,13 @@ class Refiner(Owning, Generic[Picture]):
         """Return the iterate after `steps` steps from `start`."""
         p, y, made = start
         for step in range(made + 1, made + steps + 1):
-            _, descent = self._slope.run(y, b)
+            descent = self._slope.run(y, b)
             p, y = self._step.run(step, descent, y, p, self._step_size)
         return Iterate(p, y, made + steps)
 
     def downhill(self, y: Picture, b: Picture) -> Picture:
         """Return TᵀW (b − T y) − P y."""
-        return self._downhill.draw(Slope(self._slope.run(y, b)[1], y, self._prior))
+        return self._downhill.draw(Slope(self._slope.run(y, b), y, self._prior))
 
     @cached_property
     def curvature(self) -> Picture:
@@ -74,7 +75,7 @@ class Refiner(Owning, Generic[Picture]):
         """Certify a drive after `steps` steps, with the pictures that an estimate needs; reads four pictures back."""
         certificate, found = self._certifier.run(self._slope, last.p, goal)
         unweighted = np.array(self._device.read(found, np.float32))
-        descent = self._slope.run(last.p, goal.b)[1]
+        descent = self._slope.run(last.p, goal.b)
         p, y, d = (self._device.read(picture, np.float32) for picture in (last.p, last.y, descent))
         return Snapshot(certificate, p, y, d, unweighted, last.steps, steps)
 
@@ -89,55 +90,31 @@ class Refiner(Owning, Generic[Picture]):
 
 
 class _Slope(Owning, Generic[Picture]):
-    """Computes b − T y and TᵀW (b − T y), with T = S + B P + U M D."""
+    """Computes TᵀW (b − T y), with T = S + B P + U M D.
+
+    source : computes b − T y in the form that the maps of TᵀW take.
+    gathered : computes TᵀW of a residual from `source`.
+    """
 
     def __init__(self, stored: StoredMaps[Picture], maps: RefinementMaps) -> None:
         self._owner, self._stored = Owner(), stored
-        own = self._owner.own
-        self._residual = own(_Residual(stored, "WEIGHED_RESIDUAL" if stored.weighs else SUBTRACT))
-        self._dual = own(stored.of(maps.dual).product())
-        self._chains = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in maps.chains]
-
-    def run(self, y: Picture, b: Picture) -> tuple[Picture, Picture]:
-        """Return the residual (weighted if the maps weigh) and the slope."""
-        residual = self.source(y, b)
-        return residual, self.gathered(residual)
-
-    def source(self, y: Picture, b: Picture) -> Picture:
-        """Return b − T y in the form that the maps of TᵀW take."""
-        return self._residual.run(y, b)
-
-    def gathered(self, residual: Picture) -> Picture:
-        """Return TᵀW of a residual from `source`."""
-        descent = self._dual.run(residual)
-        for chain in self._chains:
-            descent = chain.run(residual, descent)
-        return descent
-
-    def residual(self, p: Picture, b: Picture) -> Picture:
-        """Return the plain b − T p."""
-        return self._plain.run(p, b)
-
-    @cached_property
-    def _plain(self) -> "_Residual[Picture]":
-        return self._owner.own(_Residual(self._stored, SUBTRACT))
-
-
-class _Residual(Owning, Generic[Picture]):
-    """Computes b − T y; `last` says how the last part is combined."""
-
-    def __init__(self, stored: StoredMaps[Picture], last: Combining) -> None:
-        self._owner, maps = Owner(), stored.room.maps
-        own, combined = self._owner.own, [*[SUBTRACT for _ in maps.chains], last]
-        self._near = own(stored.of(maps.transport).product(combined[0]))
-        pairs = zip(maps.chains, combined[1:], strict=True)
-        self._chains = [own(ChainPass(stored, chain, how)) for chain, how in pairs]
+        self.source = self._minus("WEIGHED_RESIDUAL" if stored.weighs else SUBTRACT)
+        adding: list[Combining] = ["", *(ADD for _ in maps.chains)]
+        self.gathered = self._owner.own(SumPass(stored, maps.dual, maps.chains, adding))
 
     def run(self, y: Picture, b: Picture) -> Picture:
-        residual = self._near.run(y, b)
-        for chain in self._chains:
-            residual = chain.run(y, residual)
-        return residual
+        return self.gathered.run(self.source.run(y, b))
+
+    @cached_property
+    def residual(self) -> SumPass[Picture]:
+        """The pass of the plain b − T p."""
+        return self._minus(SUBTRACT)
+
+    def _minus(self, last: Combining) -> SumPass[Picture]:
+        """Return the pass b − T y; `last` says how the last part is combined."""
+        maps = self._stored.room.maps
+        combining = [*(SUBTRACT for _ in maps.chains), last]
+        return self._owner.own(SumPass(self._stored, maps.transport, maps.chains, combining))
 
 
 class _Certifier(Owning, Generic[Picture]):
@@ -156,10 +133,10 @@ class _Certifier(Owning, Generic[Picture]):
 
     def run(self, slope: _Slope[Picture], p: Picture, goal: Goal[Picture]) -> tuple[Certificate, Picture]:
         """Return the certificate, and Tᵀ (b − T p) over the lit camera pixels with unlimited b."""
-        counted = self._counted.draw(Weighted(slope.source(p, goal.unbounded), self._unweighing))
-        descent = slope.gathered(counted)
+        counted = self._counted.draw(Weighted(slope.source.run(p, goal.unbounded), self._unweighing))
+        descent = slope.gathered.run(counted)
         gap = self._of_projector.run(self._gap.draw(Gap(descent, p)))
-        squared = self._squared.draw(Weighted(slope.residual(p, goal.unbounded), self._lit, squared=True))
+        squared = self._squared.draw(Weighted(slope.residual.run(p, goal.unbounded), self._lit, squared=True))
         error = np.asarray(self._of_camera.run(squared), np.float64)
         outside, usual = (
             float(np.sum(self._of_projector.run(self._weighted.draw(Weighted(drive, self._unseen)))))

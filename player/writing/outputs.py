@@ -59,19 +59,19 @@ def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
     """Check that `folder` can be written as a folder, and contains no input."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")
-    real = _real(folder)
+    real = real_path(folder)
     above = next((parent for parent in real.parents if parent.exists()), real)
     _check_parent(above / real.name)
     for given in inputs:
-        if real == _real(given) or real in _real(given).parents:
-            held = "" if real == _real(given) else f"holds {given}, which "
+        if real == real_path(given) or real in real_path(given).parents:
+            held = "" if real == real_path(given) else f"holds {given}, which "
             raise InputError(f"{folder}: would be replaced, and {held}is read; choose another folder")
 
 
 def check_apart(*outputs: Path | None) -> None:
     """Check that no output equals or contains another output."""
     for one, other in combinations([path for path in outputs if path is not None], 2):
-        a, b = _real(one), _real(other)
+        a, b = real_path(one), real_path(other)
         if a == b or a in b.parents or b in a.parents:
             raise InputError(f"{one}: would be overwritten by {other}; give each output a place of its own")
 
@@ -108,7 +108,7 @@ def _check_parent(path: Path) -> None:
         raise InputError(f"{parent}: is {kind_of(parent)}; choose a folder for {path.name}")
     if not os.access(parent, os.W_OK | os.X_OK):
         raise InputError(f"{parent}: cannot be written to; check its rights, or choose another folder for {path.name}")
-    for folder in _real(path).parents:
+    for folder in real_path(path).parents:
         for marks, kind in KEPT.items():
             if all((folder / mark).exists() for mark in marks):
                 raise InputError(f"{path}: is inside the {kind} folder {folder}; choose a place outside")
@@ -136,5 +136,5 @@ def _files(inputs: Iterable[Path]) -> Iterator[Path]:
             yield path
 
 
-def _real(path: Path) -> Path:
+def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))

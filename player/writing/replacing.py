@@ -13,7 +13,7 @@ from pathlib import Path
 from counterlight.errors import InputError
 from counterlight.writing import disk, moves
 from counterlight.writing.numbered import sequence_at
-from counterlight.writing.outputs import kind_of
+from counterlight.writing.outputs import kind_of, real_path
 from counterlight.writing.stage import Stage, clean_up, staged
 
 # Errors that only writing can cause. They often do not contain a path.
@@ -27,7 +27,7 @@ def replacing_file(path: Path) -> Iterator[Path]:
     Raises InputError, naming `path`, if the system refuses (no such folder, no right, no space), if `path` is no file,
     or if another process is writing it.
     """
-    target = _real(path)
+    target = real_path(path)
     with _refusals_named(path, target), staged(target) as stage:
         if target.exists() and not target.is_file():
             raise InputError(f"{path}: is {kind_of(target)}; name a file")
@@ -43,7 +43,7 @@ def replacing_folder(folder: Path, refuse: Callable[[Path], None] | None = None)
 
     refuse : raises InputError if `folder` must not be replaced; called before and after the work.
     """
-    target = _real(folder)  # a link is kept, and its target is replaced
+    target = real_path(folder)  # a link is kept, and its target is replaced
     made = [parent for parent in target.parents if not parent.exists()]
     try:
         with _refusals_named(folder, target):
@@ -71,7 +71,7 @@ def replacing_sequence(pattern: Path) -> Iterator[Path]:
     Raises InputError, naming `pattern`, if the system refuses, if another process is writing the sequence, or if the
     files that match the pattern are not numbered from 0.
     """
-    target = _real(pattern)
+    target = real_path(pattern)
     with _refusals_named(pattern, target), staged(target) as stage:
         sequence_at(target)
         yield stage.new
@@ -80,7 +80,7 @@ def replacing_sequence(pattern: Path) -> Iterator[Path]:
 
 def remove_file(path: Path) -> None:
     """Remove a file durably, if it exists. Raises InputError with the file's name if the system refuses."""
-    with _refusals_named(path, _real(path)):
+    with _refusals_named(path, real_path(path)):
         path.unlink(missing_ok=True)
         disk.flush(path.parent)
 
@@ -91,7 +91,7 @@ def holding(path: Path) -> Iterator[None]:
 
     Raises InputError if another process holds the name, or if the system refuses.
     """
-    target = _real(path)
+    target = real_path(path)
     with _refusals_named(path, target):
         target.parent.mkdir(parents=True, exist_ok=True)
         with staged(target):
@@ -101,7 +101,7 @@ def holding(path: Path) -> Iterator[None]:
 @contextmanager
 def filling_folder(folder: Path) -> Iterator[Callable[[Path, bytes], None]]:
     """Lock an existing folder, and yield a function that writes a file into it, completely and durably."""
-    target = _real(folder)
+    target = real_path(folder)
     with _refusals_named(folder, target), staged(target) as stage:
 
         def put(path: Path, content: bytes) -> None:
@@ -135,10 +135,6 @@ def _is_about(error: OSError, target: Path) -> bool:
     places = [Path(os.fsdecode(name).removeprefix("file:")) for name in names]  # FFmpeg names files in this form
     ours = (target, Stage(target).folder)
     return any(place in (*target.parents, *ours) or any(up in ours for up in place.parents) for place in places)
-
-
-def _real(path: Path) -> Path:
-    return Path(os.path.realpath(path))
 
 
 def _refuse_folder(folder: Path, refuse: Callable[[Path], None] | None) -> None:

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Arguments, Parser, at_least_0, parse_size
+from counterlight.command import Arguments, Parser, parse_seconds, parse_size
 from counterlight.tools.choices import MOST_LAG
 from counterlight.tools.shipped import parse_scene
 
@@ -68,7 +68,11 @@ def _add_exposure(group: Arguments, shots: str, curve: str) -> None:
         help=f"undo this curve of the camera (default: {curve})",
     )
     group.add_argument(
-        "--wait", type=_seconds, default=0.0, metavar="SECONDS", help="wait this long for files of folder: (default 0)"
+        "--wait",
+        type=parse_seconds,
+        default=0.0,
+        metavar="SECONDS",
+        help="wait this long for files of folder: (default 0)",
     )
 
 
@@ -102,10 +106,6 @@ def _shots(text: str) -> int:
     if not (text.isdecimal() and 1 <= int(text) <= MOST_SHOTS):
         raise argparse.ArgumentTypeError(f"expected a number of shots from 1 to {MOST_SHOTS}, found {text!r}")
     return int(text)
-
-
-def _seconds(text: str) -> float:
-    return at_least_0(text, f"expected a number of seconds, 0 or more, found {text!r}")
 
 
 def _times(text: str) -> tuple[float, ...]:

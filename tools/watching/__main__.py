@@ -28,7 +28,7 @@ from counterlight.tools.watching.view import RoomView
 from counterlight.tools.watching.watcher import Sight, Watcher
 from counterlight.unattended.watch_link import PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
 
-ANSWER_S, STARTING_S, RETRY_S, GONE_S = 0.5, 5.0, 5.0, 0.1
+ANSWER_S, RETRY_S, GONE_S = 0.5, 5.0, 0.1
 READ_BYTES = 1 << 20
 STDIN, STDOUT = 0, 1  # not sys.stdout, which exr.py replaces while another thread reads the room
 

@@ -89,7 +89,7 @@ class Watcher:
         self._rejected: Counter[str] = Counter()
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
-        self._frame_s = self._capture_s = self._compared_s = -np.inf
+        self._capture_s = self._compared_s = -np.inf
         self._history: deque[FloatArray] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
         self._applied = self._estimate.applied
         self._unclear_s = np.inf
@@ -99,7 +99,7 @@ class Watcher:
 
     def light(self, light: Light) -> None:
         self._timeline.light(light)
-        self._light, self._frame_s = light.grid, light.time_s
+        self._light = light.grid
 
     def picture(self, picture: Picture) -> None:
         self._timeline.picture(picture)
