@@ -21,6 +21,7 @@ from counterlight.tools.transport.transport import channel
 from tests.camera_rooms import write_pairs
 from tests.joint_rooms import LEFT, OVERLAP, RIGHT, join, write_halves
 from tests.programs import fail, here
+from tests.rig.product import COVERED
 from tests.test_acquisition import same_files, unfinished
 
 FAINT = "--full-well", "1e6", "--exposures", "1"
@@ -124,6 +125,19 @@ def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.C
     assert "is for 44x30 and 36x26; name each of them with --monitor or --projector, from the left" in line
 
 
+def test_nine_of_ten_values_are_inside_the_interval_of_both(truth: Path, acquired: Path, tmp_path: Path) -> None:
+    """Both projectors light the picture, of which the checks showed one at a time."""
+    shape = calibration.read(truth).calibration.camera.shape
+    picture = cv2.resize(np.random.default_rng(2).integers(30, 220, (6, 9, 3)).astype(np.uint8), shape[::-1])
+    cv2.imwrite(str(tmp_path / "picture.png"), picture)
+    printed = here(
+        "verify", acquired, tmp_path / "picture.png", "--camera", f"simulated:{truth}", *FAINT, "--repeats", "1"
+    )
+    found = COVERED.search(printed)
+    assert found, printed
+    assert float(found["inside"]) == pytest.approx(90, abs=6)
+
+
 def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
     """Acquiring gives the room that joining exact projectors, then cameras, gives."""
     pairs = write_pairs(tmp_path, gain=(0.9, 1.0, 1.2))
@@ -131,6 +145,7 @@ def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
     here("join", *pairs, "--cameras", "-o", truth)
     cameras = [part for pair in pairs for part in ("--camera", f"simulated:{pair}")]
     said = here("acquire", *cameras, *FAINT, "-o", found)
+    assert "\nexpected on the wall: " in said
     assert re.search(r"camera 2: \d+ of its pixels see what is on the screen already; its light times 1\.1", said)
     exact, measured = (calibration.read(each) for each in (truth, found))
     room, expected = measured.calibration, exact.calibration

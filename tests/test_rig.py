@@ -259,7 +259,8 @@ def test_the_product_is_photographed_built_and_shown(tmp_path: Path) -> None:
     picture = PICTURES["ramps"](room_rig.camera)
     picture.write(tmp_path / "ramps.png")
     table = product.write_response(tmp_path / "response.toml", room_rig.devices.projector.response_table())
-    product.acquire(room_rig, tmp_path, "--response", str(table))
+    said = product.acquire(room_rig, tmp_path, "--response", str(table))
+    assert 40 < product.expected_decibels(said) < 60
     product.build(tmp_path)
     shown, plain = product.show(tmp_path, tmp_path / "ramps.png"), product.show_plain(tmp_path, tmp_path / "ramps.png")
     assert shown.codes.shape == (*room_rig.raster, 3)

@@ -31,6 +31,7 @@ from counterlight.tools.transport.storage import read_transport, write_transport
 from tests.drifted_rooms import write_changed
 from tests.joint_rooms import join, write_halves
 from tests.programs import PATIENCE_S, running, verb
+from tests.rig.product import COVERED
 from tests.rooms import write_blurred_room
 from tests.test_acquisition import CAMERA, PROJECTOR
 
@@ -367,8 +368,14 @@ def test_the_share_inside_the_interval_of_a_room_is_printed(
             write_transport(read_transport(stored), stage)
             write_interval(Interval(np.full((3, 2), width**2), np.ones((*cells, 3), np.float32)), stage)
         assert verify_projection.main([str(room), str(picture), "--camera", f"simulated:{wall}"]) == 0
-        found = re.search(r"(\S+) % of the captured values are inside the 90 % interval", capsys.readouterr().out)
-        shares.append(None if found is None else float(found[1]))
-    assert shares == [100, pytest.approx(0, abs=1)]
+        printed = capsys.readouterr().out
+        found = COVERED.search(printed)
+        assert found, printed
+        shares.append([float(found[name]) for name in ("inside", "dark", "middle", "bright")])
+        white = float(re.findall(r"white is a camera radiance of (\S+);", printed)[0])
+        # w² = width² (1 + ĉ), with ĉ from 0 to white
+        low, high = 200 * width / white, 200 * width / white * np.sqrt(1 + white)
+        assert low - 0.006 <= float(found["width"]) <= high * 1.001 + 0.006  # two decimals are printed
+    assert shares == [[100] * 4, pytest.approx([0] * 4, abs=2)]
     assert verify_projection.main([str(wall), str(picture), "--camera", f"simulated:{wall}"]) == 0
     assert "interval" not in capsys.readouterr().out

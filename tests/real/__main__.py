@@ -14,9 +14,9 @@ from counterlight.errors import InputError
 from counterlight.tools.pairs.fitting import Fitted, fit_pairs, held_back
 from counterlight.tools.pairs.photographs import LEAST
 from counterlight.tools.pairs.surrogate import SIZE, fit_surrogate, reduced_codes
-from counterlight.tools.transport.interval import NOMINAL, fit_interval
+from counterlight.tools.transport.interval import NOMINAL, coverage, fit_interval
 from tests.real.folders import HELD, DataSet, read_data_set
-from tests.real.measures import coverage, measured, psnr, srgb
+from tests.real.measures import measured, psnr, srgb
 
 DIRECTIONS = ["forward", "interval", "surrogate"]
 HEADER = "| | PSNR | RMSE | SSIM | ΔE2000 |\n|---|---|---|---|---|"
@@ -96,7 +96,12 @@ def _interval(fitted: Fitted, train: DataSet, test: DataSet, *, additive: bool) 
     print(f"{100 * NOMINAL:.0f} % interval: inside per capture, and of dark, middle and bright pixels; mean width")
     for name, half in (("interval", widths), ("one width", constant)):
         found = coverage(half, predicted, test.captures, lit)
-        print(f"{name}: {found}", flush=True)
+        least, most = (100 * end(found.captures) for end in (np.min, np.max))
+        print(
+            f"{name}: {100 * found.share:.1f} % inside ({least:.0f} to {most:.0f} per capture); {found.parts}; "
+            f"width {found.width:.4f}",
+            flush=True,
+        )
 
 
 def _surrogate(fitted: Fitted, train: DataSet, test: DataSet) -> None:

@@ -1,4 +1,4 @@
-"""The measures of the literature (PSNR, RMSE, SSIM and ΔE2000), and the coverage of prediction intervals."""
+"""The measures of the literature: PSNR, RMSE, SSIM and ΔE2000."""
 
 from dataclasses import dataclass
 
@@ -27,37 +27,6 @@ class Measures:
 
     def __str__(self) -> str:
         return f"{self.psnr:.2f} dB | {self.rmse:.4f} | {self.ssim:.3f} | {self.delta_e:.2f}"
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """How many captured values lie inside an interval.
-
-    captures : share of each capture.
-    thirds : shares of the dark, middle and bright third by predicted light.
-    width : mean of upper minus lower end, as a share of the camera's range.
-    """
-
-    captures: NDArray[np.floating]
-    thirds: tuple[float, ...]
-    width: float
-
-    def __str__(self) -> str:
-        dark, middle, bright = (f"{100 * each:.1f}" for each in self.thirds)
-        return (
-            f"{100 * self.captures.mean():.1f} % inside ({100 * self.captures.min():.0f} to "
-            f"{100 * self.captures.max():.0f} per capture); dark {dark}, middle {middle}, bright {bright} %; "
-            f"width {self.width:.4f}"
-        )
-
-
-def coverage(half_width: Pictures, predicted: Pictures, captured: Pictures, counted: BoolArray) -> Coverage:
-    """Count captured values, (captures, height, width, 3), within half widths of their predictions."""
-    inside = (np.abs(captured - predicted) <= half_width)[:, counted]
-    light = predicted[:, counted]
-    third = np.searchsorted(np.quantile(light, [1 / 3, 2 / 3]), light)
-    shares = tuple(float(inside[third == number].mean()) for number in range(3))
-    return Coverage(inside.mean(axis=(1, 2)), shares, float(2 * half_width[:, counted].mean()))
 
 
 def psnr(found: Pictures, true: Pictures, counted: BoolArray) -> float:

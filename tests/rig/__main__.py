@@ -17,11 +17,12 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from tests.rig.animation import MOMENTS, animate
+from tests.rig.coverage import coverage
 from tests.rig.faults import DEFAULT, FAULTS, QUICK, Fault
 from tests.rig.films import FILMS
 from tests.rig.live import EVENTS, judged, live, table
 from tests.rig.rooms import ROOMS, Room
-from tests.rig.table import markdown, text_of_csv
+from tests.rig.table import aligned, markdown, text_of_csv
 from tests.rig.trial import Verdict, trial
 from tests.rig.watching import WatchCamera
 
@@ -45,6 +46,11 @@ def main() -> None:
             if needed:
                 needed.mkdir(parents=True, exist_ok=True)
         rooms = dict(zip(options.room, pool.map(lambda name: ROOMS[name](scale), options.room), strict=True))
+        if options.coverage:
+            tried = [(room, fault, folder / f"{room.name}-{fault.name}") for room in rooms.values() for fault in faults]
+            print(aligned(list(pool.map(lambda each: coverage(*each), tried))))
+            print(f"\nsimulated, scale {scale:g}, {time.monotonic() - start:.0f} s")
+            return
         jobs = [(room, group) for room in rooms.values() for group in _sharing(faults)]
 
         def judged(job: tuple[Room, list[Fault]]) -> list[Verdict]:
@@ -106,6 +112,9 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="build with these values of --colour")
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write the figures of every picture here")
+    parser.add_argument(
+        "--coverage", action="store_true", help="count captured pixels inside the 90 %% interval instead"
+    )
     parser.add_argument("--live", action="store_true", help="watch a playing window in real time (docs/watch.md)")
     parser.add_argument("--event", nargs="+", choices=EVENTS, default=["drift"], help="for --live (default drift)")
     parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="for --live (default clip)")

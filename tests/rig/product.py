@@ -21,6 +21,14 @@ WAIT_S, POLL_S = 300, 0.05
 WHITE = re.compile(r"white is a camera radiance of ([\d.e+-]+)")
 
 
+# of one check with a picture, by the product's interval
+COVERED = re.compile(
+    r"(?P<inside>[\d.]+) % of the captured values are inside .*\(dark (?P<dark>[\d.]+), middle (?P<middle>[\d.]+), "
+    r"bright (?P<bright>[\d.]+) %\), whose mean width is (?P<width>[\d.]+) % .* would need (?P<constant>[\d.]+) %"
+)
+EXPECTED = re.compile(r"expected on the wall: .* about ([\d.]+) dB")
+
+
 @dataclass(frozen=True)
 class Shown:
     """A picture as the product would show it.
@@ -42,10 +50,24 @@ def acquire(rig: Rig, folder: Path, *options: str, seed: int = 0) -> str:
     return _photographed(rig, exchange, seed, folder / "acquire.log", "acquire", "-o", room, *options)
 
 
-def check(rig: Rig, folder: Path, *options: str, seed: int = 1) -> str:
+def check(rig: Rig, folder: Path, *options: object, seed: int = 1) -> str:
     """Check the room in its present state with the rig's camera; returns the command's output."""
-    exchange, room = folder / "check", folder / "room"
+    exchange, room = folder / f"check-{seed}", folder / "room"
     return _photographed(rig, exchange, seed, folder / "check.log", "verify", room, *options)
+
+
+def covered(rig: Rig, folder: Path, picture: Path, *options: object, seed: int) -> dict[str, float]:
+    """Show and photograph a picture once; returns percent inside the interval, and widths in percent of white."""
+    found = COVERED.search(said := check(rig, folder, picture, "--repeats", 1, *options, seed=seed))
+    assert found, said
+    return {name: float(value) for name, value in found.groupdict().items()}
+
+
+def expected_decibels(said: str) -> float:
+    """Returns the quality on the wall that an acquisition expects, from its output."""
+    found = EXPECTED.search(said)
+    assert found, said
+    return float(found[1])
 
 
 def forget(folder: Path) -> None:

@@ -53,8 +53,12 @@ def _series(verdict: Verdict, figures: Mapping[str, float], what: str) -> str:
 
 
 def markdown(verdicts: Sequence[Verdict]) -> str:
-    """Returns the table, with aligned columns."""
-    table = rows(verdicts)
+    """Returns the table of verdicts."""
+    return aligned(rows(verdicts))
+
+
+def aligned(table: Sequence[Mapping[str, str]]) -> str:
+    """Returns a table with aligned columns."""
     head = list(table[0])
     widths = [max(len(name), *(len(row[name]) for row in table)) for name in head]
     lines = [head, ["-" * width for width in widths], *([row[name] for name in head] for row in table)]

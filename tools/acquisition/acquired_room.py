@@ -182,22 +182,29 @@ def _lit(
 
 
 def _judged(parts: Sequence[_Part], found: SharedRoom) -> tuple[Interval, Expected] | None:
-    """Fit a prediction interval to the two random pictures that no scheme has seen, and judge the room by them.
+    """Fit a prediction interval to each projector's random pictures, which no fit has seen, and judge the room.
 
-    The interval is for light in the screen's primaries. Returns None for several projectors or cameras.
+    The interval is for light in the screen's primaries. Returns None without such pictures.
     """
-    room, done = found.calibration, parts[0].done
-    checks = [check for check in (done.check, done.coloured) if check]
-    lights = [check.lights for check in checks if check.lights is not None]
-    if len(lights) < 2 or len(parts) > 1 or len(room.cameras) > 1:
+    room, tier, pairs, noise = found.calibration, tier_of(found.calibration, found.transport), [], []
+    spread = np.zeros(3)
+    for part in parts:
+        for check in (part.done.check, part.done.coloured):
+            if check is None or check.lights is None:
+                continue
+            lights = check.lights.reshape(2, -1, *room.ambient.shape) + part.done.room.black
+            for view, gain in zip(room.views, room.gains, strict=True):
+                lights[:, :, *view] *= gain
+            pairs.append(tier.mixing.on_screen(lights))
+            noise.append(min((check.noise / max(check.error, 1e-12)) ** 2, MOST_NOISE))
+        if part.done.wander is not None:
+            spread = np.maximum(spread, part.done.wander.spread)
+    if not pairs:
         return None
-    tier = tier_of(room, found.transport)
-    on_screen = tier.mixing.on_screen
-    pairs = [[on_screen(each.reshape(room.ambient.shape) + done.room.black) for each in pair] for pair in lights]
-    predicted, captured = np.swapaxes(np.array(pairs, np.float64), 0, 1)
-    interval = fit_interval(predicted, captured, room.mask)
-    noise = np.mean([min((check.noise / max(check.error, 1e-12)) ** 2, MOST_NOISE) for check in checks])
-    return interval, expected_quality(interval, predicted, captured, room.mask, tier.white, float(noise))
+    predicted, captured = np.concatenate(pairs, axis=1)
+    of_screen = np.sqrt(tier.mixing.on_screen(np.eye(3)).T ** 2 @ spread**2)
+    interval = fit_interval(predicted, captured, room.mask, of_screen)  # each prediction has the gain of its capture
+    return interval, expected_quality(interval, predicted, captured, room.mask, tier.white, float(np.mean(noise)))
 
 
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:

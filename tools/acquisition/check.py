@@ -31,7 +31,7 @@ class Check:
     error : RMS difference of predicted and captured light, relative to the captured light.
     noise : the part of the error that the camera's noise explains.
     of : name of the picture.
-    lights : predicted and captured light above black, (2, camera pixels, 3).
+    lights : predicted and captured light above black, (2, camera pixels, 3), or (2, pictures, camera pixels, 3).
     """
 
     error: float

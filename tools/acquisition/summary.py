@@ -247,7 +247,7 @@ class AcquisitionReport:
     black : captured black of several projectors, whose black levels add up where they overlap.
     colours : lines on projectors that show primaries of others.
     placed : how each of several cameras was placed on the screen.
-    expected : quality on the wall; None for several projectors or cameras.
+    expected : quality on the wall; None without random pictures that were held back.
     """
 
     projectors: tuple[ProjectorReport, ...]

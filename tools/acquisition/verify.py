@@ -23,7 +23,7 @@ from counterlight.tools.acquisition.photographer import Photographer
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.registry import prepare
-from counterlight.tools.transport.interval import NOMINAL, read_interval
+from counterlight.tools.transport.interval import NOMINAL, Coverage, coverage, read_interval
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
@@ -41,7 +41,7 @@ class Verified:
     codes : the code values shown.
     predicted, captured : (camera height, camera width, 3), screen primaries.
     cameras : the three figures per camera in use, by number from 1, if there are several.
-    inside : share of captured values inside the room's prediction interval; None if the room has none.
+    inside : captured values inside the room's prediction interval, in shares of white; None if the room has none.
     """
 
     round: int
@@ -54,15 +54,14 @@ class Verified:
     predicted: FloatArray
     captured: FloatArray
     cameras: dict[int, Figures]
-    inside: float | None = None
+    inside: Coverage | None = None
 
     def __str__(self) -> str:
-        nominal = f"inside the {100 * NOMINAL:.0f} % interval of the room"
         lines = [
             f"round {self.round}: {_in_words(self.predicted_psnr, self.measured_psnr, self.model_psnr)}",
             f"  {self.certificate}",
             *([f"  {100 * self.unreachable:.2g} % of the pixels {OUT_OF_REACH}"] if self.unreachable else []),
-            *([] if self.inside is None else [f"  {100 * self.inside:.1f} % of the captured values are {nominal}"]),
+            *([] if self.inside is None else [_covered(self.inside)]),
             *(f"  camera {number}: {_in_words(*figures)}" for number, figures in self.cameras.items()),
         ]
         return "\n".join(lines)
@@ -87,6 +86,14 @@ def _in_words(predicted: float, measured: float, model: float) -> str:
     return (
         f"predicted {predicted:.2f} dB, measured {measured:.2f} dB; the capture agrees with the prediction to "
         f"{model:.2f} dB"
+    )
+
+
+def _covered(found: Coverage) -> str:
+    return (
+        f"  {100 * found.share:.1f} % of the captured values are inside the {100 * NOMINAL:.0f} % interval of the room "
+        f"({found.parts}), whose mean width is {100 * found.width:.2f} % of white; an interval of one width would need "
+        f"{100 * found.constant:.2f} %"
     )
 
 
@@ -174,10 +181,11 @@ class Verification:
             yield Verified(index, *figures, certificate, unreachable, codes, predicted, captured, cameras, inside)
             target = self.desired - np.where(self._seen[..., None], captured - predicted, 0)
 
-    def _inside(self, predicted: FloatArray, captured: FloatArray) -> float | None:
+    def _inside(self, predicted: FloatArray, captured: FloatArray) -> Coverage | None:
         if self._interval is None:
             return None
-        return float(self._interval.inside(predicted, captured)[self._seen & self._room.mask].mean())
+        half_width, white = self._interval.half_width(predicted)[None] / self.white, self.white
+        return coverage(half_width, predicted[None] / white, captured[None] / white, self._seen & self._room.mask)
 
     def _figures(self, predicted: FloatArray, captured: FloatArray, pixels: BoolArray) -> Figures:
         """Returns the figures of some pixels inside the mask."""

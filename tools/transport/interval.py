@@ -1,14 +1,15 @@
 """Prediction intervals: how far a captured pixel may be from its prediction, by split conformal prediction.
 
 |c − ĉ| ≤ w(x, ĉ) holds for nine of ten pixels of an average capture, with ĉ = T p + e and, per channel,
-w² = q² m(x) (a₀ + a₁ ĉ).
+w² = q² m(x) (a₀ + a₁ ĉ) + (z g ĉ)².
 
 a is noise in the dark, and errors that grow with the light; least squares fit it to captures that were held back. m is
 the squared error in a cell of the camera picture, relative to the usual one. q is the quantile of |c − ĉ| / s, with
-w = q s, that the held-back captures require (Lei et al. 2018). For q, the m of a capture leaves this capture out.
+w = q s, that the held-back captures require (Lei et al. 2018). For q, the m of a capture leaves this capture out. g is
+the deviation of a wandering gain that the held-back captures do not have, and z a quantile of Student's t.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,8 @@ from counterlight.tools.transport.arrays import ArrayError, StoredArray, opened_
 
 Pictures = NDArray[np.floating]
 NOMINAL = 0.9  # share of pixels inside
+STUDENT = 1.753  # deviations that hold NOMINAL of gains whose deviation is known from 16 captures (Student's t)
+STEADY = np.zeros(3)
 CELL = 8  # camera pixels per side of a cell of m
 USUAL = 4.0  # captures with the usual error that are averaged with a cell's captures
 ROUNDS = 4  # rounds of weights in the fit of a
@@ -37,14 +40,17 @@ class Interval:
 
     growth : (3, 2), ≥ 0. q² a of each channel.
     local : (cells down, cells across, 3), ≥ 0. m.
+    gains : (3,), ≥ 0. g of each channel.
     """
 
     growth: NDArray[np.floating]
     local: NDArray[np.floating]
+    gains: NDArray[np.floating] = field(default_factory=lambda: STEADY)
 
     def half_width(self, predicted: Pictures) -> Pictures:
         """Return w of a predicted camera picture, (height, width, 3), in its unit."""
-        return np.asarray(np.sqrt(_at_pixels(self.local, predicted.shape[:2]) * _variance(predicted, self.growth)))
+        square = _at_pixels(self.local, predicted.shape[:2]) * _variance(predicted, self.growth)
+        return np.asarray(np.sqrt(square + (STUDENT * self.gains * predicted) ** 2))
 
     def typical(self, light: float, counted: BoolArray) -> float:
         """Return the median of w over the counted pixels of an even camera picture."""
@@ -55,11 +61,12 @@ class Interval:
         return np.asarray(np.abs(captured - predicted) <= self.half_width(predicted))
 
 
-def fit_interval(predicted: Pictures, captured: Pictures, counted: BoolArray) -> Interval:
-    """Fit an interval to captures that were held back, at least two.
+def fit_interval(predicted: Pictures, captured: Pictures, counted: BoolArray, gains: FloatArray = STEADY) -> Interval:
+    """Fit an interval to captures that were held back, at least one.
 
     predicted, captured : linear light, (captures, height, width, 3). Each prediction was made without its capture.
     counted : (height, width) bool. Camera pixels that the interval is for.
+    gains : (3,). Deviation of the captures' gains, if the predictions have these gains already.
     """
     growth = _fitted_growth(predicted, captured, counted)
     pairs = list(zip(predicted, captured, strict=True))
@@ -76,7 +83,42 @@ def fit_interval(predicted: Pictures, captured: Pictures, counted: BoolArray) ->
     relative = [
         (each / _at_pixels(local(numbers != number), counted.shape))[counted] for number, each in enumerate(ratios)
     ]
-    return Interval(growth * np.quantile(relative, NOMINAL), local(numbers >= 0).astype(np.float32))
+    return Interval(growth * np.quantile(relative, NOMINAL), local(numbers >= 0).astype(np.float32), gains)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How many captured values lie inside an interval.
+
+    captures : share of each capture.
+    thirds : shares of the dark, middle and bright third by predicted light.
+    width : mean of upper minus lower end.
+    constant : width of the one interval for all values that contains as many.
+    """
+
+    captures: NDArray[np.floating]
+    thirds: tuple[float, ...]
+    width: float
+    constant: float
+
+    @property
+    def share(self) -> float:
+        return float(self.captures.mean())
+
+    @property
+    def parts(self) -> str:
+        dark, middle, bright = (f"{100 * each:.1f}" for each in self.thirds)
+        return f"dark {dark}, middle {middle}, bright {bright} %"
+
+
+def coverage(half_width: Pictures, predicted: Pictures, captured: Pictures, counted: BoolArray) -> Coverage:
+    """Count captured values, (captures, height, width, 3), within half widths of their predictions."""
+    error = np.abs(captured - predicted)[:, counted]
+    inside, light = error <= half_width[:, counted], predicted[:, counted]
+    third = np.searchsorted(np.quantile(light, [1 / 3, 2 / 3]), light)
+    thirds = tuple(float(inside[third == number].mean()) for number in range(3))
+    width, constant = 2 * half_width[:, counted].mean(), 2 * np.quantile(error, inside.mean())
+    return Coverage(inside.mean(axis=(1, 2)), thirds, float(width), float(constant))
 
 
 @dataclass(frozen=True)
@@ -120,7 +162,7 @@ def expected_quality(
 
 
 def write_interval(interval: Interval, stage: Path) -> None:
-    np.savez_compressed(stage / INTERVAL, growth=interval.growth, local=interval.local)
+    np.savez_compressed(stage / INTERVAL, growth=interval.growth, local=interval.local, gains=interval.gains)
 
 
 def read_interval(stored: StoredCalibration) -> Interval | None:
@@ -133,7 +175,8 @@ def read_interval(stored: StoredCalibration) -> Interval | None:
         opened_archive(file, "not the prediction interval of this calibration", REBUILD) as arrays,
     ):
         growth, local = arrays["growth"].expect("fiu", 3, 2), arrays["local"].expect("fiu", down, across, 3)
-        return Interval(_read(growth), _read(local))
+        gains = _read(arrays["gains"].expect("fiu", 3)) if "gains" in arrays else STEADY  # older rooms have none
+        return Interval(_read(growth), _read(local), gains)
 
 
 def _read(array: StoredArray) -> NDArray[np.floating]:

@@ -4,15 +4,16 @@ A second fit uses half as many pictures. Its loss estimates how much twice as ma
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.acquisition.check import Check
 from counterlight.tools.acquisition.few.fitting import Fit, fitted, sampled
 from counterlight.tools.acquisition.few.order import RAMPS
 from counterlight.tools.acquisition.few.places import Spots
-from counterlight.tools.acquisition.few.seen import Seen, Table
+from counterlight.tools.acquisition.few.seen import Seen, Table, some
 from counterlight.tools.acquisition.linearity import Bend, bend_of_shares
 
 HELD = 8  # one random picture in HELD is held out
@@ -51,7 +52,8 @@ def held_out(seen: Seen, table: Table, spots: Spots, random: Sequence[int]) -> H
         return None
     held = max(1, len(random) // HELD)
     others, out = random[:-held], random[-held:]
-    check = _check(fitted(seen, table, spots, others), out)
+    fit = fitted(seen, table, spots, others)
+    check = replace(_check(fit, out), lights=_lights(fit, out))
     half = _check(fitted(seen, table, spots, others[: len(others) // 2]), out) if len(others) > 1 else check
     return Held(check, half, len(others), held)
 
@@ -71,6 +73,17 @@ def bend_by(fit: Fit, pictures: Sequence[int]) -> Bend | None:
 def check_ramps(fit: Fit) -> Check:
     """Check the prediction of the ramps, which reveals little about sharpness."""
     return _check(fit, [RAMPS], "the ramps of the acquisition")
+
+
+def _lights(fit: Fit, pictures: Sequence[int]) -> FloatArray:
+    """Returns predicted and captured light above black, (2, pictures, camera pixels, 3); 0 without a place."""
+    windows = fit.windows
+    lights, every = np.zeros((2, len(pictures), len(fit.seen.light), 3)), np.arange(len(windows.pixel))
+    for part in some(every, 8 * len(pictures) * windows.size):
+        pixels = windows.pixel[part]
+        lights[0][:, pixels] = fit.predicted(every[part], pictures).transpose(1, 0, 2)
+        lights[1][:, pixels] = fit.seen.captured(pixels, pictures).transpose(1, 0, 2)
+    return lights
 
 
 def _check(fit: Fit, pictures: Sequence[int], of: str = Check.of) -> Check:

@@ -72,8 +72,9 @@ class Views:
 
     @property
     def check(self) -> Check:
-        """The check of the worst camera."""
-        return max((view.check for view in self.views), key=lambda check: check.error)
+        """The check of the worst camera; without its lights if there are several."""
+        worst = max((view.check for view in self.views), key=lambda check: check.error)
+        return replace(worst, lights=None) if self.cameras else worst
 
     @property
     def transport(self) -> Transport:
