@@ -1,8 +1,8 @@
 """Faults of real devices in a simulated room, one by one and together: python -m tests.studies.faults.
 
-Each fault is described in the scene `corner`, in a small size. Columns: the price that `simulate --explain` states, the
-captures of an acquisition that takes each picture once and knows nothing of the fault, and T's error up to the exposure,
-which a camera's curve leaves unknown. Prints the table of docs/simulation.md.
+Each fault is added to the scene `corner`, in a small size. The columns are the price that `simulate --explain` states,
+the captures of an acquisition that takes each picture once and does not know the fault, and T's error. The error is up
+to the exposure, which a camera's curve leaves unknown. Prints the table of docs/simulation.md.
 """
 
 import argparse
