@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
+from counterlight.command import Parser
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.simulated import (
     CameraSettings,
@@ -17,6 +18,8 @@ from counterlight.tools.acquisition.cameras.simulated import (
     simulated_rooms,
 )
 from counterlight.tools.acquisition.memory import MemoryStore
+from counterlight.tools.acquisition.rig import open_rig
+from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.simulation.devices import Lateral, Sensor
 from counterlight.tools.simulation.scene import Scene, load_scene
@@ -176,6 +179,27 @@ def test_captures_have_the_cameras_curve(tmp_path: Path, curve: str) -> None:
     encoded = 1.055 * light ** (1 / 2.4) - 0.055 if "srgb" in curve else light * (0.5 + 1.5 * light - light**2)
     assert codes.dtype == np.uint8
     np.testing.assert_allclose(codes, 255 * encoded, atol=0.51)
+
+
+@pytest.mark.parametrize(
+    ("curve", "given", "known", "believed"),
+    [
+        ("", [], True, "linear"),
+        ('response = "srgb"', [], False, "linear"),
+        ('response = "srgb"', ["--camera-response", "2.2"], True, "gamma"),
+    ],
+)
+def test_the_curve_of_a_scene_is_unknown_unless_it_is_given(
+    tmp_path: Path, curve: str, given: list[str], known: bool, believed: str
+) -> None:
+    parser = Parser("acquire")
+    add_rig_options(parser)
+    source = f"simulated:{scene_file(tmp_path, plane(), camera=curve)}"
+    with open_rig(parser.parse_args(["--camera", source, *given])) as (camera, _):
+        assert (camera.exposures.known, camera.exposures.response.kind) == (known, believed)
+        (codes,) = camera.capture(0, np.full((12, 16, 3), 255, np.uint8))
+    # white fills four fifths of the range; sRGB has 90.6 % of the codes there
+    assert codes.max() / 65535 == pytest.approx(0.906 if curve else 0.8, abs=0.02)
 
 
 def test_the_report_has_the_devices_effects_of_which_t_has_none(tmp_path: Path) -> None:

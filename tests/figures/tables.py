@@ -123,6 +123,7 @@ TABLES = (
     ),
     table("docs/tables/blurring.md", "python -m tests.studies.blurring", 5, "limit | near | blurred"),
     *(explained(scene, CORNER, minutes) for scene, minutes in FULL_SIZE.items()),
+    table("docs/simulation.md", "python -m tests.studies.faults", 4, "fault | CPU s", ("CPU s",)),
     table("docs/simulation.md", "python -m tests.studies.worth", 9, "scene | camera", ("CPU s whole, with these",)),
     table("docs/tables/optimum.md", "python -m tests.studies.optimum", 25, "room | direct mapping | optimum"),
     rigged("--fault known home drift", 10, f"{RIG} | inside (optimum), dB | ΔE2000 (optimum) | light"),
