@@ -83,7 +83,7 @@ PROSE = (
         "docs/tables/refinement.md",
         STILLS.commands,
         STILLS.minutes,
-        ("Constant far light, {} ms per", "as it is in the start, {} ms a"),
+        ("keeps far light constant, at {} ms per", "as it is in the start, {} ms a"),
     ),
     told("docs/tables/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
     said(
