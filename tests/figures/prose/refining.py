@@ -32,7 +32,8 @@ def estimated(t: Table) -> list[float]:
 
 def entries() -> Iterator[tuple[str, str]]:
     """Yield the sentence of each room before its tables, on the page and in the study's output."""
-    page = "Optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
+    page = "The optimum has {} dB, and T⁺ alone is {} dB below. T⁺ has {} entries, and T has {}"
+    printed = "optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
     names = {
         "## Wall": "wall",
         "## Corner": "corner",
@@ -40,7 +41,7 @@ def entries() -> Iterator[tuple[str, str]]:
         "## Out of focus": "out of focus",
     }
     for head, name in names.items():
-        yield f"{head} {page}", f"**{name}**, o{page[1:]}"
+        yield f"{head} {page}", f"**{name}**, {printed}"
 
 
 PROSE = (
@@ -83,7 +84,7 @@ PROSE = (
         "docs/tables/refinement.md",
         STILLS.commands,
         STILLS.minutes,
-        ("Constant far light, {} ms per", "as it is in the start, {} ms a"),
+        ("keeps far light constant, at {} ms per", "as it is in the start, {} ms a"),
     ),
     told("docs/tables/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
     said(
