@@ -17,10 +17,10 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedRoom,
     simulated_rooms,
 )
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.rig import open_rig
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.simulation.devices import Lateral, Sensor
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate

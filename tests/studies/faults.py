@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from counterlight.tools.acquisition.acquire import acquire
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
-from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.needs import needs_of
