@@ -54,7 +54,6 @@ class Tags:
     """FFmpeg's numbers for the medium's colour properties; UNTAGGED if the medium does not declare one."""
 
     matrix: int
-    color_range: int
     transfer: int
     picture: bool  # a still or a sequence of stills; if untagged, it is sRGB with JFIF's BT.601
     centered: bool  # chroma lies between the luma samples (JPEG, MPEG-1, WebP)
