@@ -3,12 +3,26 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
-from counterlight.maps.small_map import FULL_TRUST, LARGEST_CODE, SmallMap, coded
+from counterlight.maps.small_map import FRACTION_BITS, FULL_TRUST, LARGEST_CODE, MOST_SHIFT, SmallMap
 from counterlight.pipeline.room import Room
 from counterlight.tools.inverse.words_light import words_of
+
+
+def coded(values: NDArray[np.floating]) -> NDArray[np.int32]:
+    """Return the nearest integers that a word can hold, by a numpy formula."""
+    values = np.clip(values, -LARGEST_CODE, LARGEST_CODE)
+    unit = np.exp2(_shifts(values))
+    return np.asarray(np.rint(values / unit) * unit).astype(np.int32)
+
+
+def _shifts(values: NDArray[np.number]) -> NDArray[np.int64]:
+    """Return by how many bits a number of FRACTION_BITS + 1 bits must be shifted to reach each value."""
+    _, bits = np.frexp(values.astype(np.float64))
+    return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 
 
 def random_small(

@@ -12,7 +12,6 @@ from counterlight.maps.sliced_map import GROUP, NO_PIXEL, word_parts
 from counterlight.maps.small_map import (
     FULL_TRUST,
     LARGEST_CODE,
-    coded,
     colours_of,
     unpacked_words,
 )
@@ -21,7 +20,7 @@ from counterlight.maps.word_runs import in_words
 from counterlight.tools.inverse.words_fit import Fit, fit
 from counterlight.tools.inverse.words_light import words_of
 from tests.refined_rooms import physical_room
-from tests.small_rooms import as_long, random_small, with_words
+from tests.small_rooms import as_long, coded, random_small, with_words
 
 EXACT = 1e-12  # float64 sums
 

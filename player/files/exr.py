@@ -96,14 +96,10 @@ def read_stacked(
         return _stacked(file, parts, names, look)
 
 
-def read_channels(source: Source, accept: Acceptance = lambda header, name: None) -> dict[str, NDArray[Any]]:
-    """Decode every channel (rows, columns) with its stored type, placed in the display window (0 outside its data).
-
-    accept : may refuse the header, before pixels are decoded.
-    """
+def read_channels(source: Source) -> dict[str, NDArray[Any]]:
+    """Decode every channel (rows, columns) with its stored type, placed in the display window (0 outside its data)."""
     with opened(source, FIX) as file:
         parts = _parts(file)
-        accept(_header(parts[0]), file.name)
         return _decoded(file, parts, parts[0].channels)
 
 

@@ -38,7 +38,7 @@ class SmallMap:
 
     indptr : (rows + 1,).
     indices : (entries,), ascending in each row.
-    codes : (entries, 3) int32, as `coded` returns them.
+    codes : (entries, 3) int32. Integers that a word can hold.
     colours : (rows,) uint32. C in the format of `colours_of`; None for 1.
     trust : (rows,). w of a weighted product, w C ∘ (base − out), in units of 1 / FULL_TRUST.
     """
@@ -133,19 +133,6 @@ def colours_of(bits: Uint32) -> NDArray[np.float32]:
         part = (bits >> shift & FULL).astype(np.float32) / np.float32(FULL)
         np.put_along_axis(shares, ((largest + after) % 3)[..., None], part[..., None], axis=-1)
     return np.asarray(shares * np.exp2((bits >> 24 & HIGHEST).astype(np.float32) - HIGHEST)[..., None])
-
-
-def coded(values: NDArray[np.floating]) -> NDArray[np.int32]:
-    """Return the nearest codes."""
-    values = np.clip(values, -LARGEST_CODE, LARGEST_CODE)
-    unit = np.exp2(_shifts(values))
-    return np.asarray(np.rint(values / unit) * unit).astype(np.int32)
-
-
-def _shifts(values: NDArray[np.number]) -> IntArray:
-    """Return by how many bits a number of FRACTION_BITS + 1 bits must be shifted to reach each value."""
-    _, bits = np.frexp(values.astype(np.float64))
-    return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 
 
 def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:

@@ -45,7 +45,6 @@ class Registration:
     moved : homography, with the gain of each channel.
     unsure : standard deviation of the corners, projector pixels.
     unknowns : number of unknowns, from STAGES.
-    residual : robust deviation of the captures, relative to the deviation expected from noise and T.
     agreement : correlation of predicted and captured picture, each relative to the floodlight. Low if there is no such
         picture.
     """
@@ -53,7 +52,6 @@ class Registration:
     moved: Moved
     unsure: float
     unknowns: int
-    residual: float
     agreement: float
 
 
@@ -103,7 +101,7 @@ class Registrar:
                 best = found
         N = np.linalg.inv(homography(best.theta, self._shape))
         moved = Moved(np.asarray(N / N[2, 2]), best.gain)
-        return Registration(moved, best.unsure, best.unknowns, best.scale, problem.agreement(best.theta))
+        return Registration(moved, best.unsure, best.unknowns, problem.agreement(best.theta))
 
     def predicted(self, shown: FloatArray) -> FloatArray:
         """Returns the light predicted for a region's drive (height, width, 3) at the pixels used: (pixels, 3)."""

@@ -188,7 +188,6 @@ def small_map(
     rows: SparseRows,
     found: Fit,
     chosen: NDArray[np.bool_] | None = None,
-    trust: NDArray[np.int16] | None = None,
 ) -> SmallMap:
     """Make a small map.
 
@@ -197,7 +196,7 @@ def small_map(
     """
     codes = found.codes if chosen is None else found.codes[chosen]
     indptr, indices = rows.indptr.astype(np.int64), rows.indices.astype(np.int32)
-    return without_nothing(SmallMap(indptr, indices, codes, *shapes, found.colours, trust, found.scale))
+    return without_nothing(SmallMap(indptr, indices, codes, *shapes, found.colours, scale=found.scale))
 
 
 def without_nothing(small: SmallMap) -> SmallMap:

@@ -78,15 +78,15 @@ class Letters:
                 del self._unsent[: os.write(self._pipe.fileno(), self._unsent)]
 
 
-def end_child(child: subprocess.Popen[bytes], afterwards: Callable[[], None], patience_s: float = LAST_WORDS_S) -> None:
-    """End a child in the background, by force after `patience_s`. Then call `afterwards`."""
+def end_child(child: subprocess.Popen[bytes], afterwards: Callable[[], None]) -> None:
+    """End a child in the background, by force after LAST_WORDS_S. Then call `afterwards`."""
     assert child.stdin is not None
     with contextlib.suppress(OSError):
         child.stdin.close()
 
     def wait() -> None:
         try:
-            child.wait(patience_s)
+            child.wait(LAST_WORDS_S)
         except subprocess.TimeoutExpired:
             child.kill()
             child.wait()

@@ -304,7 +304,6 @@ class FfmpegSource:
             self._rotation, self.flip_rows = display_rotation(frame)
             self._tags = Tags(
                 int(frame.colorspace),
-                int(frame.color_range),
                 int(frame.color_trc or UNTAGGED),
                 self._picture,
                 self._is_centered(),

@@ -55,7 +55,7 @@ class ExrSource:
         self._paths, self._rate = paths, rate
         self.end_s = len(paths) / rate
         self._first: Samples | None = _read_exr(paths[0])
-        tags = Tags(UNTAGGED, UNTAGGED, UNTAGGED, picture=True, centered=False)
+        tags = Tags(UNTAGGED, UNTAGGED, picture=True, centered=False)
         pixels = describe(self._first, tags, rotation=0, pixel_aspect=1.0)
         still = len(paths) == 1
         self.info = MediaInfo(path, pixels, rate, None if still else self.end_s, still, "exr", len(paths))

@@ -54,7 +54,6 @@ class Tags:
     """FFmpeg's numbers for the medium's colour properties; UNTAGGED if the medium does not declare one."""
 
     matrix: int
-    color_range: int
     transfer: int
     picture: bool  # a still or a sequence of stills; if untagged, it is sRGB with JFIF's BT.601
     centered: bool  # chroma lies between the luma samples (JPEG, MPEG-1, WebP)
@@ -101,7 +100,7 @@ def store(samples: Samples, out: tuple[Plane, ...], *, flip_rows: bool) -> None:
         np.copyto(target[::step], source if opaque else _over_black(samples, i), casting="unsafe")
 
 
-def check_finite(planes: tuple[Plane, ...], names: str = "RGB") -> None:
+def check_finite(planes: tuple[Plane, ...]) -> None:
     """Raise InputError if there are NaN or infinite values, with their number and the place of the first."""
     bad = [~np.isfinite(plane) for plane in planes]
     count = sum(int(plane.sum()) for plane in bad)
@@ -109,7 +108,7 @@ def check_finite(planes: tuple[Plane, ...], names: str = "RGB") -> None:
         return
     channel = next(i for i, plane in enumerate(bad) if plane.any())
     row, column = (int(i) for i in np.argwhere(bad[channel])[0])
-    where = f"the first in channel {names[channel]} at column {column}, row {row}"
+    where = f"the first in channel {'RGB'[channel]} at column {column}, row {row}"
     raise InputError(f"{count} values are NaN or infinite, {where}; replace them by finite radiance")
 
 

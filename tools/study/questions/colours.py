@@ -5,7 +5,6 @@ from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, decibels
 from counterlight.tools.study.questions.place import Place
 
-TIERS = {"independent": 0, "global": 9, "pixel": 9}  # numbers in the mixing, per room or per camera pixel
 TRUE_TIER = "pixel"  # the most accurate tier, by which drives of all tiers are judged
 
 

@@ -151,11 +151,6 @@ class Place:
         return [self.tier.white * on_cameras(picture.at(room.placed_on), room) for picture in self.pictures]
 
     @cached_property
-    def best(self) -> list[FloatArray]:
-        """The drive of each picture that the player's objective prefers, (projector pixels, 3)."""
-        return self.drives(self.tier)
-
-    @cached_property
     def reached(self) -> list[float]:
         """PSNR of each picture with the unweighted optimum."""
         box = Box(self._objective.unweighted, tolerance=GAP)
