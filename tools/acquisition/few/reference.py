@@ -18,7 +18,7 @@ BRIGHT = 99.0  # percentile of the floodlight that counts as its brightest light
 LEAST_STEP = 1e-5  # share of the brightest light: 16 bits
 
 
-def reference(order: Order, captures: Sequence[NDArray[np.float32]], saturated: BoolArray) -> Seen:
+def reference(order: Order, captures: Sequence[NDArray[np.floating]], saturated: BoolArray) -> Seen:
     """Make the equations of the captures.
 
     captures : (camera height, camera width, 3) each. Radiance of the first pictures.
