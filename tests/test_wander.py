@@ -8,12 +8,14 @@ from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.averaging import Aim
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera
+from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.plan import Noise, Picture, Reference
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.acquisition.wander import wander_of
 from counterlight.tools.transport.transport import Transport
-from tests.acquired_rooms import NOISY, error, room_of, sharp_wall
+from tests import test_pictures_first as few
+from tests.acquired_rooms import LINEAR, NOISY, error, room_of, sharp_wall
 
 SPREAD = 0.025
 SHAPE = 24, 32
@@ -89,6 +91,22 @@ def test_the_transport_of_a_wandering_camera_is_that_of_a_steady_one(rng: np.ran
     found, best = (error(each.measured.transport, truth) for each in (wandering, steady))
     assert found < best + 0.008  # the mean gain of 16 captures of white is unknown, to 0.6 %
     assert wandering.check.excess < 0.005
+
+
+def test_pictures_that_are_captured_once_are_divided_by_the_gains_of_the_border(rng: np.random.Generator) -> None:
+    shape = *few.CAMERA, 3
+    lit = np.ones(shape[:2])
+    lit[:, :6] = 0
+    room = few.room_of(few.wall(rng).scaled(lit.ravel()))
+    errors = []
+    for camera in (SimulatedCamera, WanderingCamera):
+        eye = camera(room, NOISY)
+        (found,) = acquire_pictures(eye, MemoryStore(eye.exposures), 24, [few.PROJECTOR], LINEAR)
+        errors.append(error(found.measured.transport, room.transport))
+        assert found.wander is not None
+        assert found.wander.is_active == (camera is WanderingCamera)
+    assert found.wander.spread == pytest.approx([SPREAD] * 3, rel=0.4)  # of 24 gains, with noise of 0.6 %
+    assert errors[1] < 1.3 * errors[0]  # 2.2 without this division
 
 
 def done(truth: Transport, camera: type[SimulatedCamera]) -> Acquisition:

@@ -22,6 +22,7 @@ from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Referenc
 LEAST = 0.005  # spread; lamps and exposures that are steady stay below it
 REPORTED = 0.01  # spread from which on the report says so
 DIM = 2.0  # multiple of the room's light up to which the floodlight may light the border
+SURELY = 4  # deviations of a measured variance
 FEWEST = 50  # camera pixels of a border
 WELL_LIT = 20  # multiple of the noise of a dark capture
 MOST_PIXELS, MOST_CAPTURES = 1 << 12, 1 << 11  # of the least squares of a level
@@ -113,6 +114,43 @@ class Wander:
         return _Border(lit, weights / whole, self.spread**2 / np.maximum(self.spread**2 + 1 / whole, tiny))
 
 
+def steadied_by_border(
+    room: Reference, captures: Sequence[NDArray[np.floating]]
+) -> tuple[Wander, Sequence[NDArray[np.floating]]]:
+    """Returns the wander of a camera that captures each picture once, and the captures without their gains.
+
+    Only the border tells. Its light is g (a + b s), with s the share of white that the other camera pixels see. Least
+    squares over the captures fit a and b, so that the mean gain is 1.
+    """
+    border, steady = _border_of(room), Wander(np.zeros(3), np.zeros(room.light.shape[0], np.bool_), room)
+    if np.count_nonzero(border) < FEWEST:
+        return steady, captures
+    light = np.where(border[:, None] | room.saturated.reshape(-1, 1), 0, room.light)
+    shares = np.stack([np.sum(light * room.above_black(each), axis=0) for each in captures])
+    shares /= np.maximum(np.sum(light**2, axis=0), np.finfo(float).tiny)
+    seen = np.stack([each.reshape(-1, 3)[border].astype(np.float64) for each in captures])
+    usual = seen.mean(axis=0)
+    weights = usual / np.maximum(room.noise.sigma(usual) ** 2, np.finfo(float).tiny)
+    noise = 1 / np.sum(usual * weights, axis=0)
+    found = np.sum(seen * weights, axis=1) * noise
+    for k in range(3):
+        A = np.stack([np.ones(len(found)), shares[:, k]], axis=1)
+        found[:, k] /= A @ np.linalg.lstsq(A, found[:, k])[0]
+    variance = found.var(axis=0, ddof=2)
+    spread = np.where(variance > noise * (1 + SURELY * np.sqrt(2 / len(found))), np.sqrt(variance), 0)
+    if spread.max() < LEAST:
+        return steady, captures
+    gains = 1 + (found - 1) * spread**2 / (spread**2 + noise)
+    divided = LazyPatterns(len(captures), lambda index: np.asarray(captures[index] / gains[index]))
+    return Wander(spread, border, room), divided
+
+
+def _border_of(room: Reference) -> BoolArray:
+    """Returns camera pixels that white lights little, (camera pixels,)."""
+    dim = np.all(room.light < DIM * room.black.reshape(-1, 3), axis=1)
+    return np.asarray(dim & ~room.saturated.ravel())
+
+
 @dataclass(frozen=True)
 class _Border:
     """Estimates of a and g from a border.
@@ -151,7 +189,7 @@ def wander_of(room: Reference, black: Sequence[FloatArray], white: Sequence[Floa
     gains = np.stack([np.sum(light[used] * room.above_black(each)[used], axis=0) / whole for each in white])
     by_noise = np.sum(light[used] ** 2 * room.noise.dark**2, axis=0) / whole**2
     spread = np.sqrt(np.maximum(gains.var(axis=0, ddof=1) - by_noise, 0))
-    border = used & np.all(light < DIM * room.black.reshape(-1, 3), axis=1)
+    border = _border_of(room)
     if spread.max() < LEAST:
         return Wander(np.zeros(3), np.zeros_like(border), room)
     alike = [each / gain for each, gain in zip(white, np.maximum(gains, LEAST), strict=True)]

@@ -122,6 +122,7 @@ def _acquisition(
         check=views.check,
         coloured=None,
         by_measured=None,
+        wander=views.wander,
     )
 
 

@@ -136,7 +136,7 @@ def some(pixels: IntArray, numbers: int) -> Iterator[slice]:
     yield from (slice(start, start + at_once) for start in range(0, len(pixels), at_once))
 
 
-def reference(order: Order, captures: Sequence[NDArray[np.float32]], saturated: BoolArray) -> Seen:
+def reference(order: Order, captures: Sequence[NDArray[np.floating]], saturated: BoolArray) -> Seen:
     """Make the equations of the captures.
 
     captures : (camera height, camera width, 3) each. Radiance of the first pictures.

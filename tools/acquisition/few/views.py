@@ -26,6 +26,7 @@ from counterlight.tools.acquisition.few.seen import SUMMED, Seen, noise_by_neigh
 from counterlight.tools.acquisition.linearity import Bend
 from counterlight.tools.acquisition.plan import Noise, Reference
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight, crosstalk
+from counterlight.tools.acquisition.wander import Wander, steadied_by_border
 from counterlight.tools.joining.cameras import seen_below
 from counterlight.tools.transport.transport import Transport
 
@@ -36,6 +37,7 @@ class View:
 
     name : prefix of messages; empty for the only camera.
     part : the camera's part of the raster.
+    wander : gains of the camera's captures.
     bend : bend of the camera, 0 if linear; None without random pictures.
     """
 
@@ -45,6 +47,7 @@ class View:
     fit: Fit
     held: Held | None
     bend: Bend | None
+    wander: Wander
 
     @property
     def check(self) -> Check:
@@ -75,6 +78,11 @@ class Views:
         """The check of the worst camera; without its lights if there are several."""
         worst = max((view.check for view in self.views), key=lambda check: check.error)
         return replace(worst, lights=None) if self.cameras else worst
+
+    @property
+    def wander(self) -> Wander:
+        """The gains of the camera whose gains wander most."""
+        return max((view.wander for view in self.views), key=lambda wander: float(wander.spread.max()))
 
     @property
     def transport(self) -> Transport:
@@ -146,17 +154,19 @@ def views_fitted(
     height, width = captures[0].shape[:2]
     parts = parts_of(cameras) if cameras else ((slice(0, height), slice(0, width)),)
     names = [f"camera {number}: " if cameras else "" for number in range(1, len(parts) + 1)]
-    seen = [reference(order, [capture[part] for capture in captures], saturated[part]) for part in parts]
-    lit = [rises(_judged(each.room)) for each in seen]
+    steadied = [_steadied(order, [capture[part] for capture in captures], saturated[part]) for part in parts]
+    lit = [rises(_judged(each.room)) for each, _ in steadied]
     candidates = []
-    for said, part, each, counts in zip(names, parts, seen, lit, strict=True):
+    for said, part, (each, wander), counts in zip(names, parts, steadied, lit, strict=True):
         if counts or not any(lit):
             refuse_unusable(_judged(each.room), f"{name}{said}")
             _refuse_moved(each)
-            candidates.append((said, part, each))
-    curves = min((curves_of(each, given)[0] for _, _, each in candidates), key=lambda each: each.noise)
+            candidates.append((said, part, each, wander))
+    curves = min((curves_of(each, given)[0] for _, _, each, _ in candidates), key=lambda each: each.noise)
     views = tuple(_view(*each, curves, order.random(len(captures))) for each in candidates)
-    black = np.asarray(captures[0], np.float64)
+    black = np.asarray(captures[0], np.float64).copy()
+    for view in views:
+        black[view.part] = view.seen.room.black
     return Views(views, black, saturated, cameras, order.projector, curves)
 
 
@@ -174,10 +184,17 @@ def _refuse_moved(seen: Seen) -> None:
         refuse_moved(before, after, seen.room.noise, 2, AGAIN)
 
 
-def _view(name: str, part: tuple[slice, slice], seen: Seen, curves: Curves, random: list[int]) -> View:
+def _steadied(order: Order, captures: list[NDArray[np.float32]], saturated: BoolArray) -> tuple[Seen, Wander]:
+    """Returns the equations of captures without wandering gains, and these gains."""
+    seen = reference(order, captures, saturated)
+    wander, steadied = steadied_by_border(seen.room, captures)
+    return reference(order, steadied, saturated) if wander.is_active else seen, wander
+
+
+def _view(name: str, part: tuple[slice, slice], seen: Seen, wander: Wander, curves: Curves, random: list[int]) -> View:
     spots = located(seen, curves.table)
     fit = fitted(seen, curves.table, spots, random)
-    return View(name, part, seen, fit, held_out(seen, curves.table, spots, random), bend_by(fit, random))
+    return View(name, part, seen, fit, held_out(seen, curves.table, spots, random), bend_by(fit, random), wander)
 
 
 def _corner(part: tuple[slice, slice]) -> tuple[int, int]:
