@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from counterlight.arrays import BoolArray
 from counterlight.command import parse_size, run
 from counterlight.errors import InputError
-from counterlight.tools.pairs.fitting import Fitted, fit_pairs, held_back
+from counterlight.tools.pairs.correction import fit_correction
+from counterlight.tools.pairs.fitting import Fitted, Part, fit_pairs, held_back, parts_of
+from counterlight.tools.pairs.geometry import Pictures
 from counterlight.tools.pairs.photographs import LEAST
 from counterlight.tools.pairs.surrogate import SIZE, fit_surrogate, reduced_codes
 from counterlight.tools.transport.interval import NOMINAL, coverage, fit_interval
@@ -40,12 +43,13 @@ def _main(argv: Sequence[str] | None) -> None:
     print(f"{len(train.names)} training pairs, {len(test.names)} held out: {', '.join(test.names)}", flush=True)
     start = time.monotonic()
     fitted = fit_pairs(train.pictures, train.captures, additive=options.additive)
+    parts = list(parts_of(fitted, train.pictures, train.captures, additive=options.additive))
     if "forward" in options.directions:
-        _forward(fitted, test)
+        _forward(fitted, parts, train, test)
     if "interval" in options.directions:
-        _interval(fitted, train, test, additive=options.additive)
+        _interval(fitted, parts, train, test)
     if "surrogate" in options.directions:
-        _surrogate(fitted, train, test)
+        _surrogate(fitted, parts, train, test)
     print(f"{time.monotonic() - start:.0f} s")
 
 
@@ -59,34 +63,36 @@ def _some(pairs: DataSet, chosen: slice) -> DataSet:
     return replace(pairs, pictures=pairs.pictures[chosen], captures=pairs.captures[chosen], names=pairs.names[chosen])
 
 
-def _forward(fitted: Fitted, test: DataSet) -> None:
-    shown = fitted.shown(test.pictures)
+def _forward(fitted: Fitted, parts: list[Part], train: DataSet, test: DataSet) -> None:
+    shown, lit = fitted.shown(test.pictures), fitted.lit
     for levels in range(len(fitted.model.levels) + 1):
         predicted = fitted.model.predict(shown, levels)
-        print(
-            f"forward, {levels} levels: {psnr(predicted, test.captures, fitted.lit):.2f} dB linear, "
-            f"{psnr(srgb(predicted), srgb(test.captures), fitted.lit):.2f} dB code values",
-            flush=True,
-        )
-    lit = fitted.lit
-    seen = predicted * fitted.border.gains(predicted, test.captures)[:, None, None]
-    print(
-        f"forward with gains from the border: {psnr(seen, test.captures, lit):.2f} dB linear, "
-        f"{psnr(srgb(seen), srgb(test.captures), lit):.2f} dB code values"
-    )
-    gains = (predicted * test.captures)[:, lit].sum(axis=1) / (predicted**2)[:, lit].sum(axis=1)
-    adjusted = predicted * gains[:, None, None]
-    print(
-        f"forward with gains fitted to the judged captures ({np.abs(gains - 1).max():.3f} at most): "
-        f"{psnr(adjusted, test.captures, lit):.2f} dB linear, {psnr(srgb(adjusted), srgb(test.captures), lit):.2f} dB"
-    )
-    print(f"{HEADER}\n| forward, code values | {measured(srgb(seen), srgb(test.captures), lit)} |", flush=True)
+        _print_forward(f"{levels} levels", predicted, test, lit)
+    correction = fit_correction(fitted, parts, train.pictures, train.captures)
+    border = fitted.border.gains(predicted, test.captures)[:, None, None]
+    corrected = correction.predict(test.pictures, predicted)
+    for name, each in (("model", predicted), ("corrected", corrected)):
+        _print_forward(name, each, test, lit)
+        _print_forward(f"{name}, gains from the border", each * border, test, lit)
+        gains = (each * test.captures)[:, lit].sum(axis=1) / (each**2)[:, lit].sum(axis=1)
+        fitted_gains = f"{name}, gains fitted to the judged captures ({np.abs(gains - 1).max():.3f} at most)"
+        _print_forward(fitted_gains, each * gains[:, None, None], test, lit)
+    print(HEADER)
+    for name, each in (("model", predicted), ("corrected", corrected)):
+        found = measured(srgb(each * border), srgb(test.captures), lit)
+        print(f"| forward, {name}, code values | {found} |", flush=True)
 
 
-def _interval(fitted: Fitted, train: DataSet, test: DataSet, *, additive: bool) -> None:
+def _print_forward(name: str, predicted: Pictures, test: DataSet, lit: BoolArray) -> None:
+    linear = psnr(predicted, test.captures, lit)
+    codes = psnr(srgb(predicted), srgb(test.captures), lit)
+    print(f"forward, {name}: {linear:.2f} dB linear, {codes:.2f} dB code values", flush=True)
+
+
+def _interval(fitted: Fitted, parts: list[Part], train: DataSet, test: DataSet) -> None:
     """Print the share of captured values inside the interval, and its width, next to an interval of one width."""
     lit, border = fitted.lit, fitted.border
-    held = held_back(fitted, train.pictures, train.captures, additive=additive)
+    held = held_back(fitted, parts, train.pictures)
     predicted = fitted.predict(test.pictures)
     held *= border.gains(held, train.captures)[:, None, None].astype(np.float32)
     predicted *= border.gains(predicted, test.captures)[:, None, None].astype(np.float32)
@@ -104,8 +110,8 @@ def _interval(fitted: Fitted, train: DataSet, test: DataSet, *, additive: bool) 
         )
 
 
-def _surrogate(fitted: Fitted, train: DataSet, test: DataSet) -> None:
-    surrogate = fit_surrogate(fitted, train.pictures, train.captures)
+def _surrogate(fitted: Fitted, parts: list[Part], train: DataSet, test: DataSet) -> None:
+    surrogate = fit_surrogate(fitted, parts, train.pictures, train.captures)
     found = surrogate.pictures(test.captures)
     true = reduced_codes(test.pictures)
     everywhere = np.ones((SIZE[1], SIZE[0]), bool)

@@ -1,6 +1,6 @@
 """Fit a room to pairs: places, response or φ, gains of captures, and the model of each camera pixel."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -147,18 +147,30 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
     return Fitted(places, processing, model, factor, gains, unsteady, lit, border)
 
 
-def held_back(fitted: Fitted, pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool) -> Pictures:
-    """Predict the captures of each part of the pairs, at gain 1, by a model that is fitted to the other parts.
+@dataclass(frozen=True)
+class Part:
+    """Some pairs, and the model that is fitted to the other pairs."""
+
+    pairs: NDArray[np.intp]
+    model: Model
+
+
+def parts_of(fitted: Fitted, pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool) -> Iterator[Part]:
+    """Fit a model to the pairs outside each of FOLDS parts.
 
     Places, response and gains of captures stay: they are few numbers, which all captures determine.
     """
     shown, everything = fitted.shown(pictures), np.arange(len(pictures))
-    predicted = np.empty_like(captures, dtype=np.float32)
     for part in np.array_split(everything, FOLDS):
         others = np.setdiff1d(everything, part)
-        model = fit(shown[others], captures[others], gains=fitted.gains[others], linear=additive)
-        predicted[part] = model.predict(shown[part])
-    return predicted
+        yield Part(part, fit(shown[others], captures[others], gains=fitted.gains[others], linear=additive))
+
+
+def held_back(fitted: Fitted, parts: Iterable[Part], pictures: NDArray[np.uint8]) -> Pictures:
+    """Predict the captures of each part of the pairs, at gain 1, by the model of the other parts."""
+    predicted = [(part.pairs, part.model.predict(fitted.shown(pictures[part.pairs]))) for part in parts]
+    order = np.argsort(np.concatenate([pairs for pairs, _ in predicted]))
+    return np.concatenate([each for _, each in predicted])[order]
 
 
 def inside(places: Places, shape: tuple[int, int]) -> BoolArray:

@@ -15,7 +15,7 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.picture_files import write_png
 from counterlight.response import Response
-from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, held_back, longest_run
+from counterlight.tools.pairs.fitting import MOST_GAIN, Fitted, agreement, fit_pairs, held_back, longest_run, parts_of
 from counterlight.tools.pairs.geometry import NO_MATCH, Pictures
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import BLOCK, HALO, REACH, SPREAD, WIDE_HALO, WINDOW, block_blur, prior
@@ -233,7 +233,7 @@ def _held_back_by_room(
     fitted: Fitted, room: Calibration, transport: Transport, codes: NDArray[np.uint8], captures: Pictures
 ) -> Pictures:
     """Predict captures by models of other captures, plus the difference of T p + e from the model of all captures."""
-    predicted = held_back(fitted, codes, captures, additive=True)
+    predicted = held_back(fitted, parts_of(fitted, codes, captures, additive=True), codes)
     for number, (picture, model) in enumerate(zip(codes, fitted.predict(codes), strict=True)):
         light = transport @ room.response.to_linear(picture).reshape(-1, 3)
         predicted[number] += light.reshape(model.shape) + room.ambient - model
