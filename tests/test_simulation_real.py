@@ -21,7 +21,7 @@ from counterlight.tools.acquisition.rig import open_rig
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.store import MemoryStore
-from counterlight.tools.simulation.devices import Lateral, Sensor
+from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.study.worth import small_room
@@ -56,7 +56,6 @@ def matching(scene: Scene, margin: int = 0, samples: int = 1) -> Scene:
 
 def test_lateral_colour_is_opencvs_warp(tmp_path: Path) -> None:
     scene = load_scene(scene_file(tmp_path, plane(extra=WHITE), projector=FRINGES)).resized(projector=(60, 80))
-    assert scene.projector.lateral is not None
     scene = matching(scene, 12, samples=4)
     y, x = np.mgrid[:60, :80] / 60
     drive = 0.5 + 0.4 * np.sin(6 * x + 1) * np.cos(5 * y)
@@ -87,17 +86,15 @@ def test_coinciding_primaries_change_nothing(tmp_path: Path) -> None:
 def test_bounced_light_has_fringes_too() -> None:
     """Each primary has the room of a projector whose whole picture is shifted and scaled like that primary's."""
     scene = replace(small("corner"), cells=100)
-    lateral = Lateral(((0.03, 0.01), (0.0, 0.0), (-0.02, 0.02)), (1.02, 1.0, 0.98))
+    lateral = (0.03, 0.01, 1.02), (0.0, 0.0, 1.0), (-0.02, 0.02, 0.98)
     drive = np.random.default_rng(5).random((scene.projector.pixels, 3))
 
-    def seen(lens: Lateral) -> FloatArray:
-        return simulate(replace(scene, projector=replace(scene.projector, lateral=lens))).transport.apply(drive)
+    def seen(places: tuple[tuple[float, float, float], ...]) -> FloatArray:
+        return simulate(replace(scene, projector=replace(scene.projector, lateral=places))).transport.apply(drive)
 
     together = seen(lateral)
-    for channel, (shift, scale) in enumerate(zip(lateral.shifts, lateral.scales, strict=True)):
-        np.testing.assert_allclose(
-            together[:, channel], seen(Lateral((shift,) * 3, (scale,) * 3))[:, channel], rtol=1e-6
-        )
+    for channel, place in enumerate(lateral):
+        np.testing.assert_allclose(together[:, channel], seen((place,) * 3)[:, channel], rtol=1e-6)
 
 
 def convolved(drive: FloatArray, radius: float) -> FloatArray:
@@ -223,15 +220,8 @@ def test_fringes_and_halos_are_judged_at_the_width_that_they_have(tmp_path: Path
     scene = load_scene(scene_file(tmp_path, plane(), projector=f"{FRINGES}\n{HALO}")).resized((280, 400), (240, 320))
     tiny = small_room(scene)
     assert tiny.projector.width < 100
-    assert scene.projector.lateral is not None
-    assert tiny.projector.lateral is not None
-    places = [
-        np.array(scene.projector.lateral.places(320)),
-        np.array(tiny.projector.lateral.places(tiny.projector.width)),
-    ]
-    np.testing.assert_allclose(places[1][:, :2], places[0][:, :2], rtol=0.01)  # sizes in whole pixels
-    widths = [(places[0][:, 2] - 1) * scene.projector.width, (places[1][:, 2] - 1) * tiny.projector.width]
-    np.testing.assert_allclose(*widths, rtol=0.01)
+    moved = [each.projector.width * (np.array(each.projector.lateral) - (0, 0, 1)) for each in (scene, tiny)]
+    np.testing.assert_allclose(moved[1], moved[0], rtol=0.01, atol=1e-9)  # sizes in whole pixels
     radii = [pixels_of(np.degrees(each.projector.halo_radius), each) for each in (scene, tiny)]
     assert radii[1] == pytest.approx(radii[0], rel=0.01)
 

@@ -143,34 +143,13 @@ class Flicker:
 
 
 @dataclass(frozen=True)
-class Lateral:
-    """Pictures of red, green and blue relative to the raster.
-
-    shifts : right and down, in widths of the picture.
-    scales : about the picture's middle.
-    """
-
-    shifts: tuple[tuple[float, float], ...]
-    scales: tuple[float, ...]
-
-    def places(self, width: int) -> list[tuple[float, float, float]]:
-        """Returns shift right and down in pixels, and scale, of each primary."""
-        return [(width * x, width * y, scale) for (x, y), scale in zip(self.shifts, self.scales, strict=True)]
-
-    def enlarged(self, factor: float) -> "Lateral":
-        """Returns fringes that are wider by a factor, relative to the picture."""
-        shifts = tuple((factor * x, factor * y) for x, y in self.shifts)
-        return Lateral(shifts, tuple(1 + factor * (scale - 1) for scale in self.scales))
-
-
-@dataclass(frozen=True)
 class Projector(Device):
     """A projector.
 
     brightness : radiance of a white card that faces it at target_distance.
     black_level : share of white.
     flicker : flicker of the light; None for steady light.
-    lateral : pictures of the primaries; None if they coincide.
+    lateral : shift right and down, in widths of the picture, and scale of each primary's picture; () if all coincide.
     halo_share : share of light that the lens scatters into a halo.
     halo_radius : angle of the halo, radians.
     """
@@ -179,7 +158,7 @@ class Projector(Device):
     black_level: float
     response: Response
     flicker: Flicker | None = None
-    lateral: Lateral | None = None
+    lateral: tuple[tuple[float, float, float], ...] = ()
     halo_share: float = 0.0
     halo_radius: float = 0.0
 
@@ -270,14 +249,14 @@ def _scattering(halo: Table) -> tuple[float, float]:
     return halo.number("share", 0.0, 0.0, 0.9), float(np.radians(halo.number("radius_deg", None, 0.001, 30.0)))
 
 
-def _lateral(table: Table, width: int) -> Lateral | None:
+def _lateral(table: Table, width: int) -> tuple[tuple[float, float, float], ...]:
     lateral = table.table("lateral_colour", optional=True)
     if not lateral.values:
-        return None
+        return ()
     shifts = lateral.rows("shift", 3, 2, -MOST_SHIFT, MOST_SHIFT) if "shift" in lateral else np.zeros((3, 2))
     scales = lateral.numbers("scale", 3, (1.0,) * 3, 0.9, 1.1)
     lateral.refuse_unknown()
-    return Lateral(tuple((float(x) / width, float(y) / width) for x, y in shifts), tuple(scales.tolist()))
+    return tuple((float(x) / width, float(y) / width, float(z)) for (x, y), z in zip(shifts, scales, strict=True))
 
 
 def _with_vividness(table: Table, response: Response) -> Response:

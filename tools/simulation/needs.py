@@ -215,8 +215,8 @@ def _flicker(scene: Scene) -> tuple[bool, str]:
 
 def _lateral_colour(scene: Scene) -> tuple[bool, str]:
     projector = scene.projector
-    places = np.array([(0.0, 0.0, 1.0)] * 3 if projector.lateral is None else projector.lateral.places(projector.width))
-    apart = np.hypot(*places[:, :2].T) + np.abs(places[:, 2] - 1) * np.hypot(projector.width, projector.height) / 2
+    x, y, scale = np.array(projector.lateral or [(0.0, 0.0, 1.0)]).T
+    apart = projector.width * np.hypot(x, y) + np.abs(scale - 1) * np.hypot(projector.width, projector.height) / 2
     if apart.max() < SHARP:
         return False, "the projector's primaries coincide"
     return True, f"the projector's primaries are up to {apart.max():.2g} pixels off the raster"

@@ -96,7 +96,7 @@ def small_room(scene: Scene) -> Scene:
             aperture=scale * projector.aperture,
             distortion=_bent(projector, scale),
             halo_radius=_wider(projector.halo_radius, scale),
-            lateral=None if projector.lateral is None else projector.lateral.enlarged(scale),
+            lateral=tuple((scale * x, scale * y, 1 + scale * (z - 1)) for x, y, z in projector.lateral),
         ),
         surfaces=tuple(replace(each, material=each.material.enlarged(scale)) for each in scene.surfaces),
         samples=min(scene.samples, FEWEST_SAMPLES),

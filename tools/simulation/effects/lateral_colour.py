@@ -36,11 +36,11 @@ class _Primary(Projector):
 
 def primaries(scene: Scene) -> list[tuple[Scene, FloatArray]]:
     """Returns for each primary the scene with its picture, and which channels are its own: (3,), 1 or 0."""
-    projector, channels = scene.projector, np.eye(3)
-    assert projector.lateral is not None
+    projector = scene.projector
     given = {field.name: getattr(projector, field.name) for field in fields(projector)}
     found = []
-    for place, own in zip(projector.lateral.places(projector.width), channels, strict=True):
+    for (x, y, scale), own in zip(projector.lateral, np.eye(3), strict=True):
+        place = projector.width * x, projector.width * y, scale
         kind = type("_Primary", (_Primary, type(projector)), {"place": place})
         found.append((replace(scene, projector=kind(**given)), own))
     return found
