@@ -195,11 +195,11 @@ def at_equal_milliseconds(text: str) -> Cells:
     return markdown("start, in equal time")(numbered)
 
 
-def rigged(options: str, minutes: float, beginning: str) -> Figures:
-    """Returns the row for a table of docs/rig.md, whose columns have another order in the command's output."""
+def rigged(page: str, options: str, minutes: float, beginning: str) -> Figures:
+    """Returns the row for a table of the rig, whose columns have another order in the command's output."""
     command = " ".join(["python -m tests.rig", options])
     found = markdown("room | fault | optimum")
-    return Figures("docs/rig.md", (command,), minutes, markdown(beginning), found, head=beginning)
+    return Figures(page, (command,), minutes, markdown(beginning), found, head=beginning)
 
 
 def _in_millions(cells: Cells) -> Cells:

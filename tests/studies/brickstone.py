@@ -1,4 +1,4 @@
-"""The experiment of thesis 6.1: python -m tests.studies.brickstone prints the table of docs/table_6_1.md.
+"""The experiment of thesis 6.1: python -m tests.studies.brickstone prints docs/tables/brickstone.md.
 
 A flat wall is compared with the brickstone wall of brickstone.toml: with its relief alone, and also with the light that
 enters the stone. Light from brick to brick is left out. With it, T would be dense and the thesis' cut would not fit any

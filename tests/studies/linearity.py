@@ -2,7 +2,7 @@
 
 In the rooms of the rig (tests/rig, docs/rig.md), cameras that store the sensor's picture in several ways capture black,
 white and the two pictures of tools/acquisition/linearity.py. The study prints the bend of each camera, which is 0 % for
-a linear camera, and the verdict on a given response: the table of docs/schemes.md. All of it is simulated.
+a linear camera, and the verdict on a given response: docs/tables/linearity.md. All of it is simulated.
 """
 
 import argparse

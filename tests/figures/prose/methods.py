@@ -8,7 +8,7 @@ from tests.figures.printed import at_size, studied
 ACCURACY = tabled("docs/accuracy.md", "method | dB below the best")
 SOLVERS = tabled("docs/solvers.md", "solver | RMSE")
 SCENES = tabled("docs/table_6_1.md", "scene | captured")
-BRICKS = tabled("docs/table_6_1.md", "wall | picture")
+BRICKS = tabled("docs/tables/brickstone.md", "wall | picture")
 SYSTEMS = tabled("docs/hard_cases.md", "error, % / amplification")
 CUTS = tabled("docs/hard_cases.md", "focus | allowed")
 CAPTURED = {  # shipped scene -> the sentence of docs/table_6_1.md with its seconds
