@@ -119,7 +119,13 @@ def acquired(stored: Stored) -> tuple[Rig, MemoryStore, float]:
     store = MemoryStore(camera.exposures)
     (done,) = acquire(camera, store, HierarchicalScheme(), [rig.raster])
     assert done.light
+    assert done.coloured
     np.testing.assert_allclose(done.light.gammas, (2.1, 2.2, 2.35), rtol=0.05)
+    assert len(done.photographs) == (2 if stored.bits == 8 else 0)
+    errors = [
+        np.std(np.subtract(*each.lights)) for each in (done.coloured, *done.photographs) if each.lights is not None
+    ]
+    assert max(errors[1:], default=0) < 0.6 * errors[0]  # JPEG damages random colours more than compensated pictures
     return rig, store, error_of(done.measured.transport, rig)
 
 

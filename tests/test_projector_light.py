@@ -216,11 +216,11 @@ def test_colours_beyond_the_projector_are_reported(rng: np.random.Generator) -> 
 def test_whether_colours_are_captured_is_chosen_once_and_not_for_captures_of_older_versions(tmp_path: Path) -> None:
     wanted = Wanted(tmp_path / "room")
     with store.open_store(tmp_path / "captures", {}, Exposures((1.0,)), wanted) as first:
-        assert first.has_colours(1, lambda: True)
+        assert first.includes("colours", 1, lambda: True)
     with store.open_store(tmp_path / "captures", {}, Exposures((1.0,)), wanted) as again:
-        assert again.has_colours(1, lambda: False)
+        assert again.includes("colours", 1, lambda: False)
         again.finish()
-        assert not again.has_colours(2, lambda: True)
+        assert not again.includes("colours", 2, lambda: True)
 
 
 def test_light_that_does_not_add_up_is_reported_with_what_to_switch_off(rng: np.random.Generator) -> None:

@@ -9,6 +9,7 @@
 5. Floodlight again, which reveals a moved camera.
 6. Random pictures, black-and-white and coloured, that no scheme has seen. Their prediction error is the honest measure.
 7. Full pictures of colours, where red, green and blue do not add up to grey (processing.py).
+8. Compensated pictures, where the camera's files have 8 bits. The room's interval is fitted to them.
 
 Several projectors are measured one after the other, while the others show black. Black contains the black levels of
 all projectors and is captured once.
@@ -31,7 +32,14 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, random_pixels
 from counterlight.tools.acquisition.camera_shift import refuse_moved
 from counterlight.tools.acquisition.cameras.camera import Camera
-from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
+from counterlight.tools.acquisition.check import (
+    Check,
+    check_coloured,
+    check_colours,
+    check_pattern,
+    check_photographs,
+    check_white,
+)
 from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
 from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_of, curve_pictures
 from counterlight.tools.acquisition.linearity import SHOTS, Bend, bends_of, refuse_bends, shown_halves
@@ -79,6 +87,7 @@ class Acquisition:
     averaged : how often pictures were captured; None if once.
     curve : measured curve of the camera; None if the curve was given or the camera is linear.
     wander : gains of the camera's captures; None if they were not looked at.
+    photographs : tests of all by compensated pictures, if the camera's files have 8 bits.
     """
 
     measured: Measured
@@ -94,6 +103,7 @@ class Acquisition:
     averaged: Averaged | None = None
     curve: Curve | None = None
     wander: Wander | None = None
+    photographs: tuple[Check, ...] = ()
 
 
 def acquire(
@@ -139,10 +149,10 @@ def acquire(
         if seen:
             refuse_bends(camera, _bends(camera, room, seen), part.name, measured=curve is not None)
         averagings.append(part.averaging(room, seen[-1]) if seen and part.averaged else None)
-    recorder.averaging = averagings[0]
+    recorder.averaging, coarse = averagings[0], captures.shots(0)[0].dtype == np.uint8
     recorder.foretell(later)
     return [
-        replace(_acquire(part, make_scheme, wander, given, averaging), curve=curve, wander=wander)
+        replace(_acquire(part, make_scheme, wander, given, averaging, coarse=coarse), curve=curve, wander=wander)
         for part, wander, averaging in zip(parts, wanders, averagings, strict=True)
     ]
 
@@ -198,9 +208,14 @@ def _expected(part: Part, make_scheme: MakeScheme) -> tuple[Expected, ...]:
 
 
 def _acquire(
-    part: Part, make_scheme: MakeScheme, wander: Wander, given: Response | None, averaging: Averaging | None
-) -> Acquisition:
-    """Measure one projector; `averaging` is None if the store has no captures to plan it from."""
+    part: Part, make_scheme: MakeScheme, wander: Wander, given: Response | None, averaging: Averaging | None,
+    *, coarse: bool,
+) -> Acquisition:  # fmt: skip
+    """Measure one projector.
+
+    averaging : None if the store has no captures to plan it from.
+    coarse : whether the camera's files have 8 bits. JPEG damages random pictures more than compensated pictures.
+    """
     projector, white, room = part.projector, np.ones(part.projector, np.bool_), wander.room
     part.begin(averaging)
     light = None
@@ -221,7 +236,7 @@ def _acquire(
     last = [np.asarray(seen, np.float64) for seen in checked]
     before, after = (room.above_black(picture) for picture in (room.floodlight, wander.steadied(checked)[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
-    T, coloured, by_measured = measured.transport, None, None
+    T, coloured, by_measured, photographs = measured.transport, None, None, tuple[Check, ...]()
     if light:
         predicted = partial(check_coloured, room=room, codes=colours, capture=last[2], wandering=wander.is_active)
         by_measured = predicted(T, response=light.response, primaries=light.primaries)
@@ -230,16 +245,26 @@ def _acquire(
             tried = predicted(primary, response=response, primaries=light.primaries)
             if tried.excess < EXPLAINED * by_measured.excess:
                 T, light, by_measured = primary, replace(light, response=response), tried
-        if not light.is_explained and part.has_colours(lambda: True):
+        if not light.is_explained and part.includes("colours", lambda: True):
             processed = _with_processing(part, wander, light)
             tried = predicted(T, response=processed.response, primaries=processed.primaries)
             if tried.excess < LESS * by_measured.excess:
                 light, by_measured = processed, tried
-        coloured = predicted(T, response=light.curve(given), primaries=light.primaries) if given else by_measured
+        believed = light.curve(given) if given else light.response
+        judged = partial(predicted, T, response=believed, primaries=light.primaries)
+        coloured = judged() if given else by_measured
+        if coarse and part.includes("photographs", lambda: True):
+            pictures: list[Picture] = [*check_photographs(T, room, believed, projector)]
+            taken = part.capture(Level("photographs", pictures))
+            photographs = tuple(
+                judged(codes=codes, capture=np.asarray(seen, np.float64))
+                for codes, seen in zip(pictures, taken, strict=True)
+            )
     check = check_white(measured.transport, room, pattern, last[1], wandering=wander.is_active)
     averaged = averaging.done if averaging else None
     measured = replace(measured, transport=T)
-    return Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)
+    found = Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)
+    return replace(found, photographs=photographs)
 
 
 def _with_processing(part: Part, wander: Wander, light: ProjectorLight) -> ProjectorLight:

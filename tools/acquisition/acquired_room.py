@@ -182,14 +182,14 @@ def _lit(
 
 
 def _judged(parts: Sequence[_Part], found: SharedRoom) -> tuple[Interval, Expected] | None:
-    """Fit a prediction interval to each projector's random pictures, which no fit has seen, and judge the room.
+    """Fit a prediction interval to each projector's checks, which no fit has seen, and judge the room.
 
     The interval is for light in the screen's primaries. Returns None without such pictures.
     """
     room, tier, pairs, noise = found.calibration, tier_of(found.calibration, found.transport), [], []
     spread = np.zeros(3)
     for part in parts:
-        for check in (part.done.check, part.done.coloured):
+        for check in part.done.photographs or (part.done.check, part.done.coloured):
             if check is None or check.lights is None:
                 continue
             lights = check.lights.reshape(2, -1, *room.ambient.shape) + part.done.room.black

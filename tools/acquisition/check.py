@@ -12,11 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
+from counterlight.passes.encode import encoded
+from counterlight.pipeline.content import reachable_white
 from counterlight.response import Response
 from counterlight.tools.acquisition.plan import Codes, Pattern, Reference
+from counterlight.tools.inverse.pictures import noise_picture
 from counterlight.tools.transport.transport import Transport
 
 CELL = 4  # projector pixels; side of the random cells
+PHOTOGRAPHS, SLOPE = 2, 2.0  # number, and the fall of their spectra: soft photographs
+TINT = 0.3  # share of a photograph's light that differs between the channels
 GREYS, COLOURS = (48, 208), (32, 224)  # code values; neither near black nor clipped
 CLEARLY_LIT = 10  # multiple of the noise; below it, the shares of the primaries are unknown
 SEED = 20060504
@@ -59,6 +64,27 @@ def check_colours(projector: tuple[int, int]) -> Codes:
     greys = rng.integers(*GREYS, (*count, 1), np.uint8)
     colours = rng.integers(*COLOURS, (*count, 3), np.uint8)
     return _cells(np.where(rng.random((*count, 1)) < 0.5, greys, colours), projector)
+
+
+def check_photographs(
+    transport: Transport, room: Reference, response: Response, projector: tuple[int, int]
+) -> list[Codes]:
+    """Returns compensated pictures with the spectra of photographs; the seeds are fixed.
+
+    Direct mapping compensates: p = Tᵀ d / Tᵀ 1, with the drive d = white x / T 1 of each camera pixel. The camera then
+    sees pictures as from `play`, without the texture of the wall.
+    """
+    shape, found = room.black.shape, []
+    full = transport.composition().reshape(shape)
+    white = reachable_white(full, ~room.saturated & np.all(full > 0, axis=2))
+    seen = np.maximum(transport.apply_transpose(np.ones((full.size // 3, 3))), np.finfo(float).tiny)
+    for number in range(PHOTOGRAPHS):
+        grey, *colours = (noise_picture(shape[:2], SLOPE, SEED + 4 * number + each) for each in range(4))
+        wanted = white * ((1 - TINT) * grey[..., None] + TINT * np.stack(colours, axis=-1))
+        drive = np.clip(np.divide(wanted, full, out=np.zeros(shape), where=full > 0), 0, 1).reshape(-1, 3)
+        mapped = (transport.apply_transpose(drive) / seen).reshape(*projector, 3)
+        found.append(encoded(mapped, response.over(projector)))
+    return found
 
 
 def check_white(

@@ -39,8 +39,8 @@ class Store(Protocol):
     def has_curve(self, choose: Callable[[], bool]) -> bool:
         """Returns whether the captures include pictures of the camera's curve; `choose` decides in the first run."""
 
-    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
-        """Returns whether the captures include colours of a projector (from 1); `choose` decides in the first run."""
+    def includes(self, what: str, number: int, choose: Callable[[], bool]) -> bool:
+        """Returns whether the captures include pictures of a projector (from 1); `choose` decides in the first run."""
 
     def develop(self, response: Response) -> None:
         """Read the captures with this curve of the camera from now on."""
@@ -125,9 +125,9 @@ class Recorder:
     def averaged(self) -> bool:
         return self._store.averaged
 
-    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
-        """Returns whether to capture colours of a projector: False for captures of older versions, else as in Store."""
-        return self._store.has_colours(number, lambda: not self._store.has(self._count) and choose())
+    def includes(self, what: str, number: int, choose: Callable[[], bool]) -> bool:
+        """Returns whether to capture pictures: False for captures of older versions, else as in Store."""
+        return self._store.includes(what, number, lambda: not self._store.has(self._count) and choose())
 
     def taken_since(self) -> tuple[int, int, float, int]:
         """Returns pictures, exposures, seconds and resumed captures since the last call."""
@@ -299,9 +299,9 @@ class Part:
     def in_raster(self, picture: Picture) -> Picture:
         return in_raster(picture, self._raster, self._region)
 
-    def has_colours(self, choose: Callable[[], bool]) -> bool:
-        """Returns whether this projector's captures include colours; `choose` decides in the first run."""
-        return self._recorder.has_colours(self.number, choose)
+    def includes(self, what: str, choose: Callable[[], bool]) -> bool:
+        """Returns whether this projector's captures include such pictures; `choose` decides in the first run."""
+        return self._recorder.includes(what, self.number, choose)
 
     def taken(self) -> tuple[int, int, float, int]:
         """Returns pictures, exposures, seconds and resumed captures since the previous projector's call."""

@@ -112,12 +112,13 @@ class CaptureStore:
             self._write()
         return bool(self._record["curve"])
 
-    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
-        """Returns whether the captures include colours of a projector, as chosen before the first of them.
+    def includes(self, what: str, number: int, choose: Callable[[], bool]) -> bool:
+        """Returns whether the captures include some pictures of a projector, as chosen before the first of them.
 
+        what : name of the pictures.
         number : of the projector, from 1.
         """
-        chosen: list[bool] = self._record.setdefault("colours", [])
+        chosen: list[bool] = self._record.setdefault(what, [])
         if len(chosen) < number:
             chosen.append(not self._record.get("finished", False) and choose())
             self._write()
@@ -317,7 +318,7 @@ class MemoryStore:
     def has_curve(self, choose: Callable[[], bool]) -> bool:
         return choose()
 
-    def has_colours(self, number: int, choose: Callable[[], bool]) -> bool:
+    def includes(self, what: str, number: int, choose: Callable[[], bool]) -> bool:
         return choose()
 
     def develop(self, response: Response) -> None:

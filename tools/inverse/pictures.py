@@ -32,12 +32,12 @@ def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:
     ramp = (x + 0.5) / width
     stroke = max(2, width // 60)
     letters = ((x // stroke + 2 * (y // (3 * stroke))) % 5 < 2) & (y // (3 * stroke) % 2 == 0)
-    return [_noise(shape, 1.0), np.where(letters, 0.9, 0.05), 0.2 + 0.75 * ramp]
+    return [noise_picture(shape, 1.0), np.where(letters, 0.9, 0.05), 0.2 + 0.75 * ramp]
 
 
 def soft_picture(shape: tuple[int, int]) -> FloatArray:
     """Return a picture like a soft photograph, (height, width), linear, 0..1: 1/f² noise, softer than 1/f."""
-    return _noise(shape, 2.0)
+    return noise_picture(shape, 2.0)
 
 
 def pictures_of(calibration: Calibration) -> list[FloatArray]:
@@ -46,11 +46,11 @@ def pictures_of(calibration: Calibration) -> list[FloatArray]:
     return [on_cameras(np.repeat(picture[..., None], 3, axis=2), calibration)[..., 0] for picture in grey]
 
 
-def _noise(shape: tuple[int, int], slope: float) -> FloatArray:
-    """Return noise whose amplitude falls as 1/f^slope."""
+def noise_picture(shape: tuple[int, int], slope: float, seed: int = 2006) -> FloatArray:
+    """Return noise whose amplitude falls as 1/f^slope, (height, width), linear, 0..1."""
     height, width = shape
     frequency = np.hypot(np.fft.fftfreq(height)[:, None] * height, np.fft.rfftfreq(width)[None, :] * width)
-    noise = np.fft.rfft2(np.random.default_rng(2006).standard_normal(shape))
+    noise = np.fft.rfft2(np.random.default_rng(seed).standard_normal(shape))
     picture = np.fft.irfft2(noise / np.maximum(frequency, 1.0) ** slope, s=shape)
     low, high = np.percentile(picture, [2, 98])
     return np.asarray(
