@@ -65,9 +65,9 @@ def _some(pairs: DataSet, chosen: slice) -> DataSet:
 
 def _forward(fitted: Fitted, parts: list[Part], train: DataSet, test: DataSet) -> None:
     shown, lit = fitted.shown(test.pictures), fitted.lit
-    for levels in range(len(fitted.model.levels) + 1):
-        predicted = fitted.model.predict(shown, levels)
-        _print_forward(f"{levels} levels", predicted, test, lit)
+    for levels in range(len(fitted.model.levels)):
+        _print_forward(f"{levels} levels", fitted.model.predict(shown, levels), test, lit)
+    predicted = fitted.model.predict(shown)
     correction = fit_correction(fitted, parts, train.pictures, train.captures)
     border = fitted.border.gains(predicted, test.captures)[:, None, None]
     corrected = correction.predict(test.pictures, predicted)

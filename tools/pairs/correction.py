@@ -16,6 +16,7 @@ from counterlight.tools.pairs.model import SATURATED
 from counterlight.tools.pairs.network import Example, Network, around, surface, trained
 
 GAMMA = 2.2
+STEPS = 600  # steps of training
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ def fit_correction(
         return Example(_inputs(fitted, picture, base), base, np.where(known, encoded(capture), base))
 
     examples = (example(*each) for each in zip(pictures, predicted, captures, strict=True))
-    return Correction(fitted, trained(examples, len(pictures), similarity=0, seed=seed))
+    return Correction(fitted, trained(examples, len(pictures), steps=STEPS, seed=seed))
 
 
 def encoded(light: NDArray[np.floating]) -> NDArray[np.floating]:

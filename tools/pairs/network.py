@@ -17,7 +17,7 @@ from counterlight.tools.pairs.geometry import Pictures
 REACH = 2  # pixels from the middle of a patch to its edge
 WIDE = 2.0, 6.0  # standard deviations of blurs that describe a pixel's surroundings
 HIDDEN = 48, 32
-CROP, CROPS, BATCH, STEPS = 32, 700, 8, 600  # pixels per side; crops in memory, and per step; steps
+CROP, CROPS, BATCH = 32, 700, 8  # pixels per side; crops in memory, and per step
 RATE, WARM, DECAY = 2e-3, 50, 2.0  # of Adam; steps until the rate is full; decay of weights relative to the rate
 WINDOW, SIGMA = (11, 11), 1.5  # of SSIM
 C1, C2 = 0.01**2, 0.03**2  # constants of SSIM
@@ -63,11 +63,12 @@ def surface(slope: Numbers, offset: Numbers) -> Numbers:
     return np.asarray(np.concatenate([np.log(np.maximum(slope, 0) / scale + 0.05), 10 * offset / scale], axis=-1))
 
 
-def trained(examples: Iterable[Example], count: int, *, similarity: float, seed: int = 0) -> Network:
+def trained(examples: Iterable[Example], count: int, *, steps: int, similarity: float = 0.0, seed: int = 0) -> Network:
     """Train a network.
 
     examples : pictures to train on, of which random crops are kept.
     count : the number of examples.
+    steps : steps of Adam.
     similarity : weight of SSIM in the loss.
     """
     rng = np.random.default_rng(seed)
@@ -79,10 +80,10 @@ def trained(examples: Iterable[Example], count: int, *, similarity: float, seed:
     offsets = [np.zeros(b, np.float32) for b in sizes[1:]]
     parameters = [*weights, *offsets]
     means, squares = ([np.zeros_like(each) for each in parameters] for _ in range(2))
-    for number in range(STEPS):
+    for number in range(steps):
         chosen = [crops[n] for n in rng.integers(0, len(crops), BATCH)]
         gradients = _gradients(weights, offsets, chosen, similarity)
-        rate = RATE * 0.5 * (1 + np.cos(np.pi * number / STEPS)) * min(1, (number + 1) / WARM)
+        rate = RATE * 0.5 * (1 + np.cos(np.pi * number / steps)) * min(1, (number + 1) / WARM)
         corrected = rate * np.sqrt(1 - 0.999 ** (number + 1)) / (1 - 0.9 ** (number + 1))
         for each, gradient, m, v in zip(parameters, gradients, means, squares, strict=True):
             m += 0.1 * (gradient - m)

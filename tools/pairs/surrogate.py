@@ -6,7 +6,7 @@ learns the noise and the look of natural pictures.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from counterlight.tools.pairs.network import Example, Network, around, surface, 
 
 SIZE = 256, 192  # (width, height) of the literature
 GAMMA = 2.2
-STAGES = 2
+STAGES, STEPS = 2, 1500  # stages; steps of training per stage
 STEP, FLAT = 0.7, 0.3  # share of the difference that is corrected; slope of φ below which corrections are damped
 NEAR = 0.02  # code values between which φ's slope is measured
 SIMILARITY = 0.02  # weight of SSIM next to the squared error
@@ -38,7 +38,7 @@ class Surrogate:
     fitted: Fitted
     raster: tuple[int, int]
     back: NDArray[np.floating]
-    networks: list[Network] = field(default_factory=list)
+    networks: tuple[Network, ...] = ()
 
     def start(self, captures: Pictures, model: Model | None = None) -> Pictures:
         """Return the estimate of each pixel alone, as code values."""
@@ -114,9 +114,9 @@ def fit_surrogate(
         examples = (
             Example(surrogate.inputs(*each[:2]), each[0], each[2]) for each in zip(found, corrected, codes, strict=True)
         )
-        network = trained(examples, len(codes), similarity=SIMILARITY, seed=seed + stage)
+        network = trained(examples, len(codes), steps=STEPS, similarity=SIMILARITY, seed=seed + stage)
         found = np.stack(list(surrogate._judged(network, found, corrected)))
-        surrogate.networks.append(network)
+        surrogate = replace(surrogate, networks=(*surrogate.networks, network))
     return surrogate
 
 
