@@ -32,7 +32,7 @@ TIERS = ("independent", "global", "pixel")
 FILES = "mixing_red.exr", "mixing_green.exr", "mixing_blue.exr"
 LARGEST_INVERSE = 1e3  # largest entry of Q or A; beyond it, a thousandth of the light would decide a picture's colour
 UNLIMITED = RADIANCE[1]
-SWEEPS = 3  # for a light that exceeds the range by a fifth, 60 sweeps end only 0.005 % nearer
+SWEEPS = 3  # sweeps; 60 sweeps come only 0.005 % nearer for a light that exceeds the range by a fifth
 ROUNDING = 1e-3  # allowed error of a sum that was written as text or as float32
 
 

@@ -88,7 +88,7 @@ def choose(candidates: FloatArray, sums: FloatArray, otherwise: int) -> float:
 
 
 def tone_of(u: Array, near: Array, limits: Limits, white: float, budget: float) -> NDArray[np.float64]:
-    """Return (s, o) for one picture."""
+    """Return the scale s and the offset o that adapt one picture to the room."""
     sums = clip_sums(u, near, limits, white, budget / 2, None)
     offset = choose(OFFSETS, sums, len(OFFSETS) - 1)
     sums = clip_sums(u, near, limits, white, budget, offset)

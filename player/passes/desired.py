@@ -32,7 +32,7 @@ class Desired(Pass[Picture]):
 
     white : light of a picture's 1, or of white with a tone.
     tone : applied to the picture.
-    full : T·1. Limits each pixel to its own range; otherwise its neighbours would try to help in vain.
+    full : T·1. Limits each pixel to its own range; otherwise its neighbours would brighten, and could not help.
     clamp : limit the result to 0..1, for a picture that is sent to the projector.
     mixed : rows of a matrix per pixel, applied to b.
     squares : (9,). With `mixed` and `full`, choose the light that the camera sees nearest to the target

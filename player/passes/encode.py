@@ -36,7 +36,7 @@ class Encode:
         self._scale, self._dither = np.float32(scale), DITHERS.index(dither)
 
     def fill(self, light: Array, frame: int, out: NDArray[np.unsignedinteger]) -> None:
-        """Encode a picture into `out`, 8 or 16 bits per code by its type. frame : number that seeds the noise."""
+        """Encode a picture into `out`, whose type gives 8 or 16 bits per code. frame : number that seeds the noise."""
         projectors = self._codes, self._of_column, self._row_height, self._colours, self._mixes
         processed = self._segments, self._processing
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), THRESHOLDS

@@ -75,7 +75,7 @@ class Room:
 
     @property
     def expected(self) -> str | None:
-        """How far a picture arrives from its prediction; None if the calibration has no interval."""
+        """How far a captured picture may be from its prediction; None if the calibration has no interval."""
         if self.within is None:
             return None
         black, white = (100 * each / self.white for each in self.within)

@@ -147,7 +147,7 @@ class Survey:
         return best, further
 
     def _square(self, part: Part) -> tuple[Square, Square]:
-        """Return the square for the objective of the steps, and for the unweighted error."""
+        """Return the square with the weights of the steps' objective, and the same square without weights."""
         sought = square_of(self._maps, part)
         return sought, unweighted(sought, self._maps.lit)
 

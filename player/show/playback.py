@@ -15,7 +15,7 @@ ROUNDING = 0.25
 TOLERATED_S = 0.02  # tolerated delay at any frame rate
 DECODER_WAIT_S = 0.002  # poll interval while a decoder is behind
 HELD_S = 0.25  # how long a late frame is held back for a newer frame
-HURRIED_S = 2.0  # seconds in which no frame is held back, after a frame was held back in vain
+HURRIED_S = 2.0  # seconds in which no frame is held back, after a frame was held back without effect
 
 
 @dataclass

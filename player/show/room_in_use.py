@@ -79,7 +79,7 @@ class RoomInUse:
 
     @property
     def expected(self) -> str | None:
-        """How far a picture arrives from its prediction; None if the calibration does not say."""
+        """How far a captured picture may be from its prediction; None if the calibration has no interval."""
         return self._seen.expected
 
     @property

@@ -25,7 +25,7 @@ SHOWN = np.flatnonzero(np.count_nonzero(SAMPLES, axis=1) > 1)
 
 
 def colour_level(projector: tuple[int, int]) -> Level:
-    """Returns the level of colours of two or three primaries."""
+    """Returns the level of pictures that show colours made of two or three primaries."""
 
     def paint(number: int) -> Codes:
         return np.full((*projector, 3), STEPS[SAMPLES[SHOWN[number]]], np.uint8)

@@ -92,7 +92,7 @@ class ProjectorLight:
 
 
 def light_level(projector: tuple[int, int]) -> Level:
-    """Returns the level of ramps at the inner codes, with each primary repeated as often as the floodlight."""
+    """Returns the level of grey and primaries: all inner codes once, then full drive as often as the floodlight."""
     colours = np.concatenate([*(COLOURS * code for code in INNER), *[COLOURS[1:] * FULL] * REPEATS])
 
     def paint(number: int) -> Codes:
@@ -171,7 +171,7 @@ class _Template:
     """The light of a colour at full drive, with which its light at other codes is compared.
 
     light : (camera pixels, 3). Light above black.
-    tells : whether any of it is well lit and not saturated.
+    tells : whether any camera pixel is well lit and not saturated.
     noise : standard deviation of the share measured in one capture of full drive.
     """
 

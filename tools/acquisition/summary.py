@@ -206,7 +206,7 @@ class ProjectorReport:
 
     @property
     def off_colour(self) -> bool:
-        """Whether greys and colours are predicted clearly worse than black and white."""
+        """Whether the prediction is much worse than noise explains."""
         done, (times, more) = self.acquisition, OFF_COLOUR
         return done.coloured is not None and done.coloured.excess > times * done.check.excess + more
 

@@ -119,7 +119,7 @@ def steadied_by_border(
 ) -> tuple[Wander, Sequence[NDArray[np.floating]]]:
     """Returns the wander of a camera that captures each picture once, and the captures without their gains.
 
-    Only the border tells. Its light is g (a + b s), with s the share of white that the other camera pixels see. Least
+    The gain g comes from the border. Its light is g (a + b s), with s the share of white that other pixels see. Least
     squares over the captures fit a and b, so that the mean gain is 1.
     """
     border, steady = _border_of(room), Wander(np.zeros(3), np.zeros(room.light.shape[0], np.bool_), room)

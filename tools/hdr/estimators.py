@@ -81,7 +81,7 @@ class Estimator:
         return self.method == "debevec"
 
     def coefficients(self, exposure_s: float) -> tuple[float, float, float]:
-        """Returns α, β and γ of a picture."""
+        """Returns the coefficients α, β and γ of a picture, which the module's equation defines."""
         return {
             "debevec": (1.0, -log(exposure_s), 1.0),
             "robertson": (exposure_s, 0.0, exposure_s**2),

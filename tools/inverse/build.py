@@ -73,7 +73,7 @@ class BuiltRoom:
 
     @property
     def coarseness(self) -> str | None:
-        """A warning if the camera resolves fewer pixels than it sees of the projector; None otherwise."""
+        """A warning if the camera resolves fewer pixels than the projector pixels that it sees; None otherwise."""
         camera, projector = int(np.count_nonzero(self.calibration.mask)), int(self.transport.lit.any(axis=1).sum())
         if camera >= RESOLVED * projector:
             return None

@@ -301,7 +301,7 @@ def carried(T: Csr, width: int, values: FloatArray, known: BoolArray) -> Carried
 
 
 def _main_footprint(rows: IntArray, place: IntArray, light: FloatArray, count: int) -> BoolArray:
-    """Return the entries around the centre of their row's brightest spot, (entries,) bool."""
+    """Return which entries are near the brightest spot of their row, (entries,) bool."""
     most = np.zeros(count)
     np.maximum.at(most, rows, light)
     brightest = np.flatnonzero((light == most[rows]) & (light > 0))

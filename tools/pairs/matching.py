@@ -31,7 +31,7 @@ def matched(
     Each picture and capture is read once, and only a small copy is kept.
 
     pictures, captures : code values or gamma-encoded light, 0 to 1, (height, width, 3) each.
-    numbered : whether a capture shows the picture with its number if others are about as much alike.
+    numbered : whether a capture is matched to the picture with its number when other pictures fit about as well.
     """
     small = [_small(each) for each in captures]
     shown, best, size = [], Geometry(LEAST_INLIERS - 1), None

@@ -49,7 +49,7 @@ class Eye(Protocol):
 
 
 class LiveCamera:
-    """The camera back end of a screen and an eye.
+    """The camera back end of a screen and a source of frames.
 
     lag : frames to skip between a change of picture or exposure and a shot; the pre-flight measures it.
     """

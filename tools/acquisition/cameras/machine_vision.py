@@ -35,7 +35,7 @@ OBEYED = 0.05  # allowed relative difference between the exposure times set and 
 
 
 class MachineVisionEye:
-    """The eye of an open pylon camera; InputError if it cannot be set by hand."""
+    """The frames of an open pylon camera; InputError if it cannot be set by hand."""
 
     timed = True
 

@@ -103,7 +103,7 @@ class Far:
 
     @cached_property
     def around(self) -> FloatArray:
-        """Like `total`, if each pixel had as much far light as its neighbours."""
+        """Like `total`, but with each pixel's far light equal to the mean far light of its neighbours."""
         return np.asarray(np.einsum("ni,nil->nl", self.nodes.weights, self.shares.sum(axis=2)[self.nodes.corners]))
 
     @cached_property

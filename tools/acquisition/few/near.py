@@ -118,7 +118,7 @@ class Windows:
 
     @property
     def at_border(self) -> BoolArray:
-        """(n,) bool. Whether the raster's border cuts the spot, so that less of its light is near."""
+        """(n,) bool. Whether the raster's border cuts the spot; a cut spot has less near light."""
         first, last = -0.5 + BORDER, np.array(self.projector) - 0.5 - BORDER
         return np.asarray(np.any((self.place < first) | (self.place > last), axis=1))
 

@@ -153,7 +153,10 @@ def reference(order: Order, captures: Sequence[NDArray[np.floating]], saturated:
 
 
 def noise_by_neighbours(room: Reference) -> Noise:
-    """Estimate dark noise from differences of neighbours, an upper bound, and photon noise from usual values."""
+    """Estimate the noise. Dark noise comes from differences of neighbouring pixels, which are an upper bound.
+
+    Photon noise is assumed to be that of USUAL_ELECTRONS.
+    """
     changes = (room.black[:, 1:] - room.black[:, :-1]).reshape(-1, 3) / np.sqrt(2)
     bright = np.percentile(room.light, BRIGHT, axis=0)
     dark = MAD_TO_SIGMA * np.median(np.abs(changes), axis=0)
