@@ -281,7 +281,8 @@ def _run(scheme: Scheme, part: Part, wander: Wander) -> Measured:
             measured: Measured = ended.value
             return measured
         except InputError:
-            check_closure(level, captures, room)  # its message about a wrong capture says more than the scheme's error
+            # for a wrong capture, this check's message is more precise than the scheme's error
+            check_closure(level, captures, room)
             raise
         check_closure(level, captures, room)
         level = following

@@ -17,8 +17,8 @@ from counterlight.tools.acquisition.plan import Codes, Pattern, Reference
 from counterlight.tools.transport.transport import Transport
 
 CELL = 4  # projector pixels; side of the random cells
-GREYS, COLOURS = (48, 208), (32, 224)  # code values; neither near black nor clipped
-CLEARLY_LIT = 10  # multiple of the noise; below it, the shares of the primaries are unknown
+GREYS, COLOURS = (48, 208), (32, 224)  # code values that are neither near black nor clipped
+CLEARLY_LIT = 10  # multiple of the noise; in darker pixels, the shares of the primaries are unknown
 SEED = 20060504
 
 Scalar = TypeVar("Scalar", bound=np.generic)

@@ -143,7 +143,8 @@ class FolderCamera:
                 if not path.exists():
                     put(path, encode_png(_stored(patterns[number - first])))
         there = self._goes_on and not self._absent(missing)
-        if missing and not there:  # otherwise captures of later levels may exist from an earlier run
+        # without this condition, captures of later levels from an earlier run would be refused
+        if missing and not there:
             self._refuse_strangers(shown, seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
         while absent := self._absent(missing):

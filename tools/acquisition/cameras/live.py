@@ -56,7 +56,7 @@ class LiveCamera:
 
     def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, lag: int = 0) -> None:
         self.screen, self.eye, self._exposures, self.lag = screen, eye, exposures, lag
-        self._standing: Codes | None = None  # the picture that the camera already sees
+        self._standing: Codes | None = None  # the picture that the camera sees at present
         self._exposed = 0.0
 
     @property
