@@ -142,7 +142,7 @@ def check_package(requirement: str) -> Finding:
             with warnings.catch_warnings(record=True):  # colour-science warns about missing optional packages
                 warnings.simplefilter("ignore")
                 importlib.import_module(module)
-        except Exception as error:  # a broken installation may raise anything
+        except Exception as error:  # only the first sentence, because the report adds its own fix
             return Finding(name, "missing", f"{version}, import fails: {_one_line(error)}", f"{fix} --force-reinstall")
     return Finding(name, "ok", f"{version} (needs {floor})")
 

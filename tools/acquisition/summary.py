@@ -17,8 +17,10 @@ from counterlight.tools.joining.shared_screen import Placed
 from counterlight.tools.transport.interval import Expected
 
 EVEN, LIFTED = 0.002, 0.5  # shares of white: smallest uneven black (code 7 of sRGB); highest level of black
-SUSPECT = 3.0  # multiple of the camera's noise that the check's error may reach
-OFF_COLOUR = 2.0, 0.02  # limit of the coloured check's unexplained error: this multiple of the check's, plus a margin
+SUSPECT = 3.0  # largest error of the check, in multiples of the camera's noise
+# limit of the coloured check's unexplained error: this multiple of the first check's unexplained error, plus this
+# margin
+OFF_COLOUR = 2.0, 0.02
 COVERED = 0.98  # share of the projector's pixels; a room with less coverage causes a warning
 MOST_OTHER = 0.02  # share of white by which a given response may differ from the measured one
 

@@ -21,7 +21,7 @@ from counterlight.tools.transport.transport import BlurredLight
 
 LEVELS = 4  # number of sizes of cells; the largest have 16×16 pixels
 COARSEST = 1 << LEVELS
-LEAST_LIMIT = 1e-12  # positive, so that every lit entry has a cost
+LEAST_LIMIT = 1e-12  # least limit; it is positive, so that every lit entry has a cost
 MANY = 1 << 16  # entries from which all cores are used
 
 

@@ -20,8 +20,8 @@ from counterlight.tools.clusters.decomposition import (
     decomposed,
 )
 
-FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
-WIDER_RADII = 2  # tried beyond the first sufficient radius; they may allow a smaller τ₁
+FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # first radii to try; the thesis' figure 4.8 shows 3 to 15
+WIDER_RADII = 2  # number of radii that are tried beyond the first sufficient radius; they may allow a smaller τ₁
 TAU_1_STEPS = 64
 
 
@@ -78,7 +78,8 @@ def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int
     found: list[_Cut] = []
     smallest, closest = graph.shape[1] + 1, None
     for radius, strongest in _neighbourhoods(graph, projector_shape):
-        if _blocks_of_one(graph, strongest) > max_cluster:  # a dense T has thousands: the cut cannot suffice
+        # a dense T has thousands of blocks of one pixel, so the cut cannot suffice
+        if _blocks_of_one(graph, strongest) > max_cluster:
             continue
         size = _largest(graph, cut(graph, strongest, 1.0, 1.0)[0])
         if size < smallest:

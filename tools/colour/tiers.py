@@ -22,7 +22,8 @@ from counterlight.tools.colour.neutral import asked_pixels, neutral_mixing
 from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.transport import Transport
 
-WORTH = 0.003  # share of a primary's light in wrong channels; an error of 50 dB, which the best compensation reaches
+# share of a primary's light in wrong channels: an error of 50 dB, which is as good as the best compensation
+WORTH = 0.003
 WORST_MIXED = 20.0  # largest entry of A; camera pixels beyond it are treated as neutral
 AS_ASKED = "as asked"
 AGREEMENT = 2.0  # F·1 and T·1 differ by at most this factor; otherwise one of them is no measurement

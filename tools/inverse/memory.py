@@ -18,14 +18,14 @@ from counterlight.tools.inverse.rows import Piece
 from counterlight.tools.inverse.windows import BLOCKS, HALOS
 from counterlight.tools.transport.transport import Csr
 
-# per entry of a block inverted whole: three channels, their inverses, the arrays that truncation sorts
+# bytes per entry of a block inverted whole: three channels, their inverses, the arrays that truncation sorts
 WORK_BYTES = 24 * 8
-ENTRY_BYTES = 70  # per entry of T⁺: pieces, joined rows, the packed texture (58 measured, without far light)
-NORMAL_BYTES = 3 * 40  # per entry of TᵀT: three channels, while they are added up
-ROOM_BYTES, PIXEL_BYTES = 250, 400  # while a room's maps are made: per entry of T, and per pixel of both sides
+ENTRY_BYTES = 70  # bytes per entry of T⁺: pieces, joined rows, the packed texture (58 measured, without far light)
+NORMAL_BYTES = 3 * 40  # bytes per entry of TᵀT: its three channels while they are added up
+ROOM_BYTES, PIXEL_BYTES = 250, 400  # bytes while a room's maps are made: per entry of T, and per pixel of both sides
 BLURRED_BYTES = 120  # per entry of B, which has neither T⁺ nor words
-IN_ONE_BYTES = 150  # per entry of a T that is made dense and cut: its rows, its graph and the graph's order
-FORETELLING_SHARE = 0.02  # share of the rows that predicts the entries of all rows to within 15 %
+IN_ONE_BYTES = 150  # bytes per entry of a T that is made dense and cut: its rows, its graph and the graph's order
+FORETELLING_SHARE = 0.02  # share of the rows that is computed to predict the entries of all rows, to within 15 %
 SAMPLE_COLUMNS = 64
 
 

@@ -21,8 +21,8 @@ from counterlight.tools.transport.transport import Transport
 
 MEASURED = (0, 2, 4, 8, 16)
 OFFERED = (4, 8, MOST_OFFERED)  # numbers of steps offered in a window
-MANY_STEPS = 64  # stands for the optimum
-FAINTEST_ERROR = 1e-5  # share of white²; smaller errors do not show: 50 dB
+MANY_STEPS = 64  # number of steps whose result counts as the optimum
+FAINTEST_ERROR = 1e-5  # share of white²; a smaller error is not visible: it is 50 dB below white
 
 
 @dataclass(frozen=True)

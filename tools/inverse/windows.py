@@ -29,7 +29,7 @@ BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
 HALOS = (4, 6, 8, 10, 12, 14, 17, 20, 24)
 SAMPLE_WINDOWS = 5
-# the decay accelerates: residuals end up to this factor below the extrapolation from their first two halos
+# the decay accelerates: residuals end up to this factor below the extrapolation from the first two halos
 QUICKENING = 30.0
 FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
 

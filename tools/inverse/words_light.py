@@ -24,10 +24,11 @@ from counterlight.maps.word_map import MOST_WORDS, RoomWords, WordMap
 from counterlight.tools.inverse.words_fit import Fit, fit, scale_of
 
 CODES = 255
-MOST_CODES = 0.5  # code values of 8 bits in the camera picture; less if the map was built with a smaller --max-error
-DARKEST = 1 / 32  # share of white; darker pixels may change as much as a pixel of this brightness
+# largest change of the camera picture in 8-bit code values; less if the map was built with a smaller --max-error
+MOST_CODES = 0.5
+DARKEST = 1 / 32  # share of white; in darker pixels, the same change is allowed as in a pixel of this brightness
 NEAR = 0.5
-USED = 0.8  # share of the allowed change; words then stay valid while a lamp dims by a fifth
+USED = 0.8  # share of the allowed change that is used; words then stay valid while a lamp dims by a fifth
 LEAST = 1e-30
 ENTRY_BYTES = 200  # per entry of T during work
 

@@ -164,7 +164,8 @@ def _join_chains(
 
     places : each projector's pixel indices in the raster.
     """
-    found: list[tuple[Chain[SparseRows, M], list[SparseRows], list[NDArray[np.int32]]]] = []  # distinct cells, and D
+    # cells that differ, and every projector's D for them
+    found: list[tuple[Chain[SparseRows, M], list[SparseRows], list[NDArray[np.int32]]]] = []
     for chain, at in zip(chains, places, strict=True):
         if chain is not None:
             same = next((each for each in found if _same_cells(chain, each[0])), (chain, [], []))

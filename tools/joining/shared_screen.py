@@ -24,8 +24,8 @@ from counterlight.tools.transport.transport import Csr, Transport, luminance_mat
 PIXEL_BYTES = 150  # memory per pixel of both rasters; 125 measured with ten projectors of 1920x1080
 FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
 NOISY = 1.5  # in multiples of the camera pixels that one projector pixel covers
-FARTHEST = 2.0  # in screens; the place of a pixel further out affects no picture
-REACH = 3.0  # times a footprint's usual radius; light further from its centre took another way through the room
+FARTHEST = 2.0  # largest distance from the screen, in screens; a pixel further out affects no picture
+REACH = 3.0  # times a footprint's usual radius; light further from the centre took another way through the room
 BRIGHT_PERCENTILE, FAINTEST = 95.0, 0.02  # below this share of the 95th percentile, light is too faint to locate
 WHOLE = 0.98  # share of a footprint that must be known, so that its centre is right
 MAD = 1.4826  # ratio of standard deviation to median absolute deviation of a normal distribution

@@ -16,7 +16,7 @@ from counterlight.tools.acquisition.few.seen import Seen, Table
 RAMP_SPREAD, PHASE_SPREAD = 7, 3  # camera pixels; sides of the median filters of rough places
 WIDTH_SPREAD = 3.0  # σ in camera pixels over which contrasts are averaged; neighbours see similar spots
 LEAST_CONTRAST = 0.1  # contrast of a sine below which a camera pixel has no place
-CLEAR = 4.0  # least light of a pixel, in multiples of the noise
+CLEAR = 4.0  # least contrast, in multiples of its noise
 LEAST_DIRECT = 0.3  # share of the neighbours' contrast; a pixel with less contrast sees almost only far light
 STRETCHES = np.linspace(0, 0.6, 13)  # shares of far light to try; far light flattens ramps
 NARROWEST, WIDEST = 0.02, 0.9999  # limits of the contrasts from which widths are computed

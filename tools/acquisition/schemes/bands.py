@@ -20,7 +20,7 @@ from counterlight.tools.acquisition.schemes.known import KnownLight
 
 PIXELS = 1 << 16  # camera pixels per band
 CONNECTIONS = 1 << 22  # connections that are read from a capture at a time
-SIDE_BY_SIDE = 2  # bands that are settled or solved at a time, all in memory
+SIDE_BY_SIDE = 2  # bands that are in memory at a time to be evaluated or solved
 
 
 class Band:
@@ -86,7 +86,8 @@ class Readings:
 
     def __init__(self, folder: Path | None) -> None:
         self._kept, self._levels = list[Reading](), 0
-        self._file = None if folder is None else tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - until they are taken
+        # noqa: SIM115 - until they are taken
+        self._file = None if folder is None else tempfile.TemporaryFile(dir=folder)
 
     def add(self, reading: Reading) -> None:
         """Store a reading; OSError if the disk is full."""

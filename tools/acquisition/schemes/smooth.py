@@ -19,7 +19,7 @@ from counterlight.tools.factoring.model import PEAK, Rows, fitted, split
 from counterlight.tools.inverse.pictures import soft_picture
 from counterlight.tools.transport.transport import FarLight, Shape, Transport
 
-MOST_LOST = 0.005  # RMS difference of pictures relative to white: 46 dB
+MOST_LOST = 0.005  # largest RMS difference of pictures, relative to white: 46 dB
 
 
 def smoothed(transport: Transport) -> tuple[Transport, str]:
