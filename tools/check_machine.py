@@ -48,7 +48,7 @@ EXTRAS = (  # purpose, package, extra of pyproject.toml
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report: `missing` stops the player, `note` disables only what it names."""
+    """One line of the report. `missing` stops the player; `note` disables only the named feature."""
 
     subject: str
     state: Literal["ok", "note", "missing"]

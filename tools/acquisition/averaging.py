@@ -1,6 +1,6 @@
 """Choose how often each picture is captured, from the error allowed in T and the time allowed for the acquisition.
 
-A camera's noise falls with the square root of the number of captures. The share of T that noise spoils is known before
+A camera's noise falls with the square root of the number of captures. The error of T by noise is known before
 the scheme begins. The noise comes from black and floodlight. The size of T comes from one picture of random pixels,
 half of them lit. The light s of a camera pixel in that picture differs from half its floodlight l by
 

@@ -277,7 +277,7 @@ class _Fit:
 
 @dataclass(frozen=True)
 class _State:
-    """The problem at some curve.
+    """The least squares problem, linearised at one curve.
 
     rises : (SPLINES − 1,). Rises of g's coefficients.
     spread : (samples, pictures). Standard deviation of the light.

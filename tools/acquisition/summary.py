@@ -73,7 +73,8 @@ class LightOutside:
     """Light that the camera does not see.
 
     unseen : share of the projector's pixels whose light the camera does not see.
-    white : share of full drive that a white picture leaves in these pixels; None if there are none or it was not tried.
+    white : share of full drive that a white picture leaves in these pixels; None if there are
+        no such pixels, or if no white picture was tried.
     """
 
     unseen: float
@@ -248,7 +249,7 @@ class AcquisitionReport:
     outside : light that a compensated picture leaves where the camera does not see it.
     black : captured black of several projectors, whose black levels add up where they overlap.
     colours : lines on projectors that show primaries of others.
-    placed : how each of several cameras was placed on the screen.
+    placed : lines on the place of each of several cameras on the screen.
     expected : quality on the wall; None without random pictures that were held back.
     """
 

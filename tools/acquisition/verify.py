@@ -1,6 +1,6 @@
 """The closed loop: show a compensated picture, photograph it, and compare with the prediction and the target.
 
-Rounds of feedback correct what T does not know. The prediction's error δ = captured − predicted changes little between
+Rounds of feedback correct errors of T. The prediction's error δ = captured − predicted changes little between
 similar pictures, so the next round solves T p + e + δ = desired. Adding the remaining error to the target would not
 work: a drive in 0..1 cannot give much of it, and the rest of the picture would suffer.
 """

@@ -61,7 +61,7 @@ class Wander:
         return bool(self.spread.max() > REPORTED)
 
     def steadied(self, captures: Captures | Sequence[NDArray[np.floating]]) -> LazyPatterns[FloatArray]:
-        """Returns captures of pictures of one colour, divided by the gains that their border tells."""
+        """Returns captures of pictures of one colour, divided by the gains that their border gives."""
         return LazyPatterns(len(captures), partial(self._steady, captures))
 
     def closed(self, captures: Captures, cover: int) -> Captures:

@@ -47,7 +47,7 @@ class Pyramid:
         return int(self.starts[-1])
 
     def means(self, used: BoolArray) -> SparseRows:
-        """Return P, float32; rows of unused cells are empty. used : (cells,) bool."""
+        """Return P, float32; rows of unused cells are empty. used : (cells,) bool. Cells that some row uses."""
         indices = [np.zeros((0,), np.int32)]
         lengths = np.zeros(self.cells, np.int64)
         for level, (start, (height, width)) in enumerate(zip(self.starts, self.sizes, strict=False), 1):

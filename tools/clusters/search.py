@@ -52,8 +52,8 @@ def decompose_to(
     1: cut-off pixels get only their strongest connection back. If all clusters are small enough already, T is returned
     uncut (radius 0).
 
-    Reinserted connections make sizes not strictly monotone in τ₁ and radius. The search may therefore miss milder
-    parameters; the returned parameters are verified.
+    Because connections are reinserted, sizes are not strictly monotone in τ₁ and radius. The search may therefore miss
+    milder parameters; the returned parameters are verified.
 
     or_smallest : return the smallest clusters found, instead of an error, if no parameters suffice.
 
@@ -125,7 +125,7 @@ def _blocks_of_one(graph: Connections, strongest: IntArray) -> int:
 
 
 def _smallest_tau_1(graph: Connections, strongest: IntArray, max_cluster: int) -> float:
-    """Bisect for the smallest sufficient τ₁; 1 is known to suffice, 0 to fail."""
+    """Bisect for the smallest sufficient τ₁. τ₁ = 1 is known to suffice, and τ₁ = 0 is known to fail."""
     fails, suffices = 0, TAU_1_STEPS
     while suffices - fails > 1:
         step = (fails + suffices) // 2

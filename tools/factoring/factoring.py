@@ -124,7 +124,7 @@ def factor_numbers(far: FarLight) -> int:
 
 
 def _entries(transport: Transport) -> int:
-    """Returns the numbers that belong to a pixel, which factors reduce."""
+    """Returns how many numbers of T belong to a pixel; factors reduce only these."""
     far = transport.far
     known = 0 if far is None else far.gather.indices.size + far.scatter.indices.size
     return int(transport.near.indices.size + known)
@@ -175,7 +175,7 @@ class _Search:
         return T, replace(left, reason=reason)
 
     def _candidates(self) -> list[_Candidate]:
-        """Returns candidates of finer and finer grids, while these can be cheaper; the first gives the drives."""
+        """Returns candidates of ever finer grids, as long as one can be cheaper; the first gives the drives."""
         errors, found, cheapest = None, list[_Candidate](), self._most
         for cells in grids_over(self._rows.transport):
             model = fitted(self._rows, cells, PEAK)

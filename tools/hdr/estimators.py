@@ -113,7 +113,7 @@ class ExposureSums(Protocol):
         """Add a picture; `codes` is (height, width, channels), unsigned."""
 
     def estimate(self) -> NDArray[np.float32]:
-        """Returns (height, width, channels) and resets: the radiance, or −bound where there is none (0: only black)."""
+        """Returns the radiance, (height, width, channels), and resets; −bound where it is unknown (0: only black)."""
 
 
 class CpuSums:

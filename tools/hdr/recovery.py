@@ -32,7 +32,7 @@ def recover_response(samples: FloatArray, times_s: FloatArray, method: str) -> R
     times_s : (pictures,). Seconds.
     method : one of METHODS.
 
-    Raises InputError if hardly any pixel is well exposed in two pictures.
+    Raises InputError if too few pixels are well exposed in two pictures.
     """
     columns = [_recover_channel(codes, times_s, method) for codes in np.moveaxis(samples, -1, 0)]
     return rising_response(*(np.stack(values, axis=-1) for values in zip(*columns, strict=True)))

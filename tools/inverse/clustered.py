@@ -44,7 +44,7 @@ def prior_matrices(prior: Prior, labels: IntArray) -> tuple[Csr, ...]:
 
 
 class PriorBlocks:
-    """Blocks of P per channel for the chosen clusters; no tie crosses their borders."""
+    """Blocks of P per channel for the chosen clusters; P has no ties between clusters."""
 
     def __init__(self, priors: tuple[Csr, ...], clusters: Clusters, chosen: NDArray[np.bool_]) -> None:
         square = replace(clusters, camera=clusters.projector, camera_sizes=clusters.projector_sizes)

@@ -72,7 +72,7 @@ def check_room(near: int, blurred: int, pixels: int) -> None:
 
 
 def check_in_one(camera_pixels: int, projector_pixels: int) -> None:
-    """Check memory before near and far light are written out in one (almost) dense T."""
+    """Check memory before near and far light become one (almost) dense T."""
     what = f"near and far light in one T, of {camera_pixels}x{projector_pixels} entries,"
     remedy = "give --tau, or use a smaller camera or projector"
     check(IN_ONE_BYTES * float(camera_pixels) * projector_pixels, what, remedy)
@@ -87,7 +87,7 @@ def normal_entries(T: Csr) -> float:
 
 
 def checked_as_they_come(pieces: Iterable[Piece], whole: int, windowed: int, entry_bytes: float) -> Iterator[Piece]:
-    """Pass pieces on. At 2 % of the rows, 4 %, 8 % and so on, predict the total entries, and refuse what cannot fit.
+    """Pass on pieces of T⁺; at 2 %, 4 %, 8 % … of the rows, predict the total entries, and refuse what cannot fit.
 
     Whole clusters and windows are predicted separately. In large rooms with many clusters of one or two pixels, most
     rows have few entries, and most entries belong to windows.

@@ -54,7 +54,7 @@ class WindowedChannel:
     T : (camera pixels, projector pixels).
     damping : λ > 0.
     prior : P, (projector pixels, projector pixels).
-    camera_pixels : number that see the projector, if T lacks some of their rows.
+    camera_pixels : number of camera pixels that see the projector, if T lacks some of their rows.
     """
 
     def __init__(self, T: Csr, damping: float, prior: Csr | None = None, camera_pixels: int | None = None) -> None:
@@ -170,7 +170,7 @@ def _holds(region: Region, y: IntArray | int, x: IntArray | int) -> NDArray[np.b
 class Sampled:
     """Results of a few windows of one channel.
 
-    windows : with the smallest halo that suits most of the sample; each block may enlarge its own.
+    windows : division with the smallest halo that suits most of the sample; a block may enlarge its halo.
     seconds : core seconds of all blocks, three channels.
     entries : entries of T⁺: pixels of the clusters times the mean row length of the sample.
     failing : share of the sample that no halo brings within the tolerance.
@@ -289,7 +289,7 @@ def windowed_jobs(
     tolerance: float,
     corners: Sequence[tuple[int, int]] | None = None,
 ) -> Iterator[Callable[[], Piece]]:
-    """Yield jobs that invert one block of projector pixels each. corners : of the blocks; None for all."""
+    """Yield jobs that invert one block of projector pixels each. corners : of the blocks; None for all blocks."""
     for corner in windows.blocks() if corners is None else corners:
         yield partial(_invert, channels, windows, corner, truncation, tolerance)
 

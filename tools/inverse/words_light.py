@@ -208,7 +208,7 @@ def without_nothing(small: SmallMap) -> SmallMap:
 def _below(
     parts: Sequence[SmallMap], output: tuple[int, int], source: tuple[int, int], trust: NDArray[np.int16]
 ) -> SmallMap:
-    """Stack the rows of several parts. trust : of all rows."""
+    """Stack the rows of several parts. trust : trust in all rows."""
     lengths = np.concatenate([np.diff(part.indptr) for part in parts])
     indices, codes, colours = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("indices", "codes", "colours")
@@ -218,7 +218,7 @@ def _below(
 
 
 def words_of(maps: RoomMaps, max_error: float) -> RoomWords | None:
-    """Return words for T and Tᵀ, or None if they miss their bound, are too large, or do not support the light.
+    """Return words for T and Tᵀ; None if they miss their bound, are too large, or cannot hold this kind of light.
 
     A texture and the available memory limit the size. Blurred light has no words.
 

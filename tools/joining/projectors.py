@@ -44,7 +44,7 @@ def join_rooms(
     force: bool = False,
     tolerance: float = TOLERANCE,
 ) -> str:
-    """Write one calibration from several of the same camera; returns a summary, and a line per dense T.
+    """Write one calibration from several calibrations of the same camera; returns a summary, and a line per dense T.
 
     monitors : one name per projector, in the order of the folders; empty to keep the folders' names.
     tolerance : dB that pictures may lose if a dense T is factored; 0 keeps T.

@@ -104,7 +104,7 @@ class _View:
     shape : (height, width).
     counts : (pixels,). Its mask.
     light : T·1, (pixels, 3).
-    whole : (pixels,). Whether the picture's edge leaves footprints uncut.
+    whole : (pixels,). Whether the footprint lies entirely within the picture.
     """
 
     T: Csr
@@ -141,7 +141,7 @@ class _View:
 
 
 class _Placing:
-    """The knowledge of the projectors' pixels so far: their places on the screen, and the brightness there."""
+    """What is known so far of the projectors' pixels: their places on the screen, and the brightness there."""
 
     def __init__(
         self,
@@ -203,7 +203,7 @@ class _Placing:
         return np.exp(middle), float(MAD * np.median(np.abs(ratios - middle)))
 
     def _keep_placed(self, number: int, positions: FloatArray, placed: Placed) -> None:
-        """Store a camera's placement, and pass its knowledge to projector pixels that had none."""
+        """Store a camera's placement, and pass its places and brightness to projector pixels that had none."""
         view = self._views[number]
         self._positions[number] = positions
         self._placed.append(placed)

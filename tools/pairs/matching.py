@@ -2,7 +2,7 @@
 
 Local features of one photograph and its picture give a homography. Seen through the homography, the photographs and
 the pictures are standardised pixel by pixel, which removes the surface, and assigned for the largest sum of
-correlations. The mean photograph divides each photograph before features are looked for, for the same reason.
+correlations. For the same reason, each photograph is divided by the mean photograph before features are looked for.
 """
 
 from collections.abc import Iterable, Sequence

@@ -74,8 +74,8 @@ class Objective:
     T : transport; rows of camera pixels without weight are empty.
     weights : w, (camera pixels,).
     seen : (projector pixels,). How well trusted camera pixels see each pixel, 1 for most pixels.
-    bounds : whether b is limited to the light that each camera pixel can reach by itself. Without this limit,
-        an unreachable b would make its neighbours too bright.
+    bounds : whether b is limited to the light that each camera pixel can reach by itself. Without this limit, an
+        unreachable b would make its neighbours too bright.
     mixing : mixing of the camera's colours, which defines the nearest possible light.
     lit : (camera pixels,). Pixels that figures refer to; None for all.
     """

@@ -143,7 +143,7 @@ def along(place: FloatArray, width: FloatArray, reach: int) -> tuple[IntArray, F
 
 
 def _rough(seen: Seen, table: Table, sines: Sequence[_Sine], direct: BoolArray) -> FloatArray:
-    """Returns smoothed places by the ramps, (camera pixels, 2), for the share of far light that fits the sines best."""
+    """Returns the places by the ramps, smoothed, (camera pixels, 2), with the share of far light that fits best."""
     share, certain = _primary_shares(seen, RAMPS)
     mean = table[seen.codes[RAMPS], np.arange(3)].mean(axis=0)
     tried = [_by_ramps(seen, table, (share - far * mean) / (1 - far), certain, direct) for far in STRETCHES]
@@ -172,7 +172,7 @@ def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, 
 
 
 def _misfit(sines: Sequence[_Sine], rough: FloatArray, direct: BoolArray) -> float:
-    """Returns the mean distance of rough places to the nearest place of their phase."""
+    """Returns the mean distance of rough places to the nearest place that has the captured phase."""
     off = [np.abs(sine.nearest(each) - each)[direct] for sine, each in zip(sines, rough.T, strict=True)]
     return float(np.mean(off)) if direct.any() else 0.0
 

@@ -61,7 +61,7 @@ class Seen:
 
     @cached_property
     def light(self) -> FloatArray:
-        """L, (camera pixels, 3); 0 where noise hides it."""
+        """L, the floodlight, (camera pixels, 3); 0 where noise hides it."""
         light = self.primaries.sum(axis=2)
         return np.where(light > CLEAR * SUMMED * self.room.noise.dark, light, 0)
 
@@ -71,7 +71,7 @@ class Seen:
 
     @cached_property
     def mixture(self) -> FloatArray:
-        """F / L, (camera pixels, channel, primary)."""
+        """F / L, each primary's share of the floodlight, (camera pixels, channel, primary)."""
         light = self.light[..., None]
         return np.divide(self.primaries, light, out=np.zeros_like(self.primaries), where=light > 0)
 

@@ -161,7 +161,7 @@ class Seen:
 
     @classmethod
     def of(cls, parts: Sequence[BlockLight], camera_pixels: int) -> "Seen":
-        """Divide light into near light of pixels and far light of at most 1500 blocks; smaller blocks join either.
+        """Divide light into near light of pixels and far light of at most 1500 blocks; smaller blocks join one of them.
 
         A small block is the rim of a spot if the camera pixel sees single pixels in the same cell. Unless it is too
         large, it becomes near light, spread over its pixels. Any other small block is far light that happened to be

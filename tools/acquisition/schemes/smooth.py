@@ -69,7 +69,7 @@ def _lost(transport: Transport, blocks: FarLight, far: FarLight, projector: Shap
 
 
 def _drives(projector: Shape) -> list[FloatArray]:
-    """Returns a half-white and a soft picture, (projector pixels, 3)."""
+    """Returns a picture whose half is white, and a soft picture, (projector pixels, 3)."""
     half = np.zeros(projector)
     half[:, projector[1] // 2 :] = 1
     return [np.repeat(picture.reshape(-1, 1), 3, axis=1) for picture in (half, soft_picture(projector))]
