@@ -1,4 +1,4 @@
-"""The room that a session plays in: reloads it, answers questions about its calibration, and stores the placement."""
+"""The room that a session plays in: reloads it, gives figures of its calibration, and stores the placement."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
