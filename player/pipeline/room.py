@@ -63,7 +63,7 @@ class Room:
         return (self, *self.others)
 
     def shares(self, viewpoint: Viewpoint) -> NDArray[np.float64]:
-        """Return the share of each view for viewers at a place; raises InputError for a place in a room with one view."""
+        """Return each view's share for viewers at a place; raises InputError for a place in a room with one view."""
         if self.places is not None:
             return self.places.shares(viewpoint)
         if viewpoint != "all":

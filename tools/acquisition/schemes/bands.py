@@ -86,8 +86,7 @@ class Readings:
 
     def __init__(self, folder: Path | None) -> None:
         self._kept, self._levels = list[Reading](), 0
-        self._file = None if folder is None else tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - until they are
-        taken
+        self._file = None if folder is None else tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - until they are taken
 
     def add(self, reading: Reading) -> None:
         """Store a reading; OSError if the disk is full."""
