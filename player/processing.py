@@ -28,7 +28,7 @@ class Processing:
 
     Raises InputError for values that are not within LIMITS.
 
-    samples : (LEVELS³, 3). B of red, green and blue; blue's code runs fastest, then green's.
+    samples : (LEVELS³, 3). B of red, green and blue; blue's code changes fastest, then green's.
     """
 
     samples: tuple[tuple[float, ...], ...]

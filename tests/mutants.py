@@ -107,7 +107,7 @@ class DamagedRoom:
         maps.read_maps(stored, words=True)
 
     def _with_checksums(self, name: str, content: bytes) -> dict[str, bytes]:
-        """Content of the file, and of the tables that hold its checksum."""
+        """Content of the damaged file, and of the tables that hold its checksum."""
         changed = {name: content}
         if Path(name).suffix != ".toml":
             home = MANIFEST_NAME if name.startswith(f"{FOLDER}/") else TOML

@@ -20,7 +20,7 @@ def coded(values: NDArray[np.floating]) -> NDArray[np.int32]:
 
 
 def _shifts(values: NDArray[np.number]) -> NDArray[np.int64]:
-    """Return by how many bits a number of FRACTION_BITS + 1 bits must be shifted to reach each value."""
+    """Return the shifts, in bits, after which a number of FRACTION_BITS + 1 bits covers each value."""
     _, bits = np.frexp(values.astype(np.float64))
     return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 

@@ -22,7 +22,7 @@ from tests.rooms import write_blurred_room
 from tests.scenes import small
 
 CAMERA, PROJECTOR = (36, 48), (24, 32)
-# λ is chosen for all pictures: a ramp at 39 dB loses 0.5, because hardly seen pixels are damped
+# One λ serves all pictures. It damps poorly seen pixels, which costs a ramp at 39 dB 0.5 dB.
 SINGLE_PICTURE_DB = 0.8
 
 

@@ -43,7 +43,7 @@ def compensated(room: ColouredRoom, colour: str, neutral: FloatArray) -> tuple[f
 
 
 def optimum(room: ColouredRoom, neutral: FloatArray) -> float:
-    """PSNR of the least squares drive within 0..1 of the 3 m × 3 n system, thesis eq. 4.2, by scipy."""
+    """PSNR of the best drive within 0..1. scipy solves the whole 3 m × 3 n system (thesis eq. 4.2)."""
     Q = np.linalg.inv(neutral)
     _, _, rows, columns = room.nine.shape
     A = np.einsum("mk,klij->milj", Q, room.nine).reshape(3 * rows, 3 * columns)

@@ -26,7 +26,7 @@ from counterlight.tools.transport.interval import (
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
 from tests.rooms import write_one_to_one_room
 
-SHAPE = (51, 67)  # no multiple of a cell
+SHAPE = (51, 67)  # not a multiple of a cell
 COUNTED = np.zeros(SHAPE, bool)
 COUNTED[3:45, 5:60] = True
 

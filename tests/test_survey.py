@@ -86,7 +86,7 @@ def test_an_estimate_is_near_the_truth(
     assert truth > 1e-4
     assert truth / FACTOR <= estimated(shortfall) <= FACTOR * truth
     assert shortfall.solved == shortfall.squares == 9
-    assert found.certificate.decibels > 2 * shortfall.decibels  # the bound itself says little
+    assert found.certificate.decibels > 2 * shortfall.decibels  # the bound itself is far from the true value
 
 
 def test_the_next_doubling_is_what_it_brings(

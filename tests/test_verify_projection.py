@@ -77,7 +77,7 @@ def test_feedback_comes_closer_and_the_best_round_is_written(rooms: Path, capsys
     figures = re.findall(r"round (\d): predicted (\S+) dB, measured (\S+) dB; .* to (\S+) dB", printed)
     assert [int(row[0]) for row in figures] == [0, 1, 2]
     predicted, measured, model = np.array([row[1:] for row in figures], float).T
-    assert measured[0] < predicted[0]  # T does not know its own errors
+    assert measured[0] < predicted[0]  # T is compared with itself, so its errors do not show
     assert measured[1:].max() > measured[0] + 0.1  # dB
     assert model.min() > 25
     assert {path.name for path in out.iterdir()} == {

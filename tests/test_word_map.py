@@ -1,4 +1,4 @@
-"""Words next to the maps on disk: read as built, read only on request, refused if damaged."""
+"""T packed in words, stored next to the other maps: read as it was built, only on request, and refused if damaged."""
 
 from collections.abc import Callable
 from pathlib import Path

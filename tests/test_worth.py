@@ -1,4 +1,4 @@
-"""The worth of effects, recomputed by other commands, and a tolerance that holds for pictures outside the judgement."""
+"""The worth of effects, recomputed by other commands; the tolerance also holds for pictures that were not judged."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,8 +1,8 @@
 """counterlight acquire: measure a room with projectors and cameras, or a simulated room, into a calibration folder.
 
-Patterns are black and white, so that the projector's response does not matter; it is measured as well. With --pictures
-you choose the number of pictures, and all measurements use these. Captures are saved as they arrive; the same command
-resumes an interrupted acquisition.
+Patterns are black and white, so that T does not depend on the projector's response. With --pictures you choose the
+number of pictures, and all measurements use these. Captures are saved as they arrive; the same command resumes an
+interrupted acquisition.
 """
 
 import argparse

@@ -209,7 +209,7 @@ def real_array(values: object, name: str) -> NDArray[Any]:
 
 
 def _linear(codes: NDArray[Any]) -> FloatArray:
-    """Returns linear light, 0 to 1, of sRGB code values, by the player's table."""
+    """Returns linear light, 0 to 1, of sRGB code values, from the player's table."""
     shares = codes / np.iinfo(codes.dtype).max
     return np.asarray(np.interp(shares, np.linspace(0, 1, TABLE_SIZE), transfer_table("srgb")), np.float64)
 

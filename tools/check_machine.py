@@ -48,7 +48,7 @@ EXTRAS = (  # purpose, package, extra of pyproject.toml
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report: `missing` stops the player, `note` disables only what it names."""
+    """One line of the report. `missing` stops the player; `note` disables only the named feature."""
 
     subject: str
     state: Literal["ok", "note", "missing"]
@@ -142,7 +142,7 @@ def check_package(requirement: str) -> Finding:
             with warnings.catch_warnings(record=True):  # colour-science warns about missing optional packages
                 warnings.simplefilter("ignore")
                 importlib.import_module(module)
-        except Exception as error:  # a broken installation may raise anything
+        except Exception as error:  # only the first sentence, because the report adds its own fix
             return Finding(name, "missing", f"{version}, import fails: {_one_line(error)}", f"{fix} --force-reinstall")
     return Finding(name, "ok", f"{version} (needs {floor})")
 

@@ -13,7 +13,7 @@ from counterlight.pipeline.room import Room
 from counterlight.show.headless import headless_renderer
 
 TIMED_FRAMES = 5
-COPIES = 3  # copies of the maps for which drawing needs memory, at most
+COPIES = 3  # assumed number of copies of the maps in memory while frames are drawn
 
 
 def frames_per_second(room: Room, steps: Sequence[int]) -> list[float]:

@@ -62,8 +62,8 @@ def prepare(scene: Path, folder: Path) -> None:
 def compare(room: Room, folder: Path) -> tuple[float, float, float]:
     """Write before.png, after.png and both side by side, the camera views of one frame; returns three PSNRs in dB.
 
-    Before: the frame without compensation. After: compensated. Last: before, scaled by the one factor that matches
-    best. All are compared with the desired picture.
+    The first PSNR is of the frame without compensation, the second of the compensated frame. The third is of the first
+    frame, scaled by the one factor that matches best. All are compared with the desired picture.
     """
     mask, white = room.calibration.mask, room.white
     quality, views, seen = [], [], []

@@ -42,7 +42,7 @@ def read_steadily(manifest: Path, read: Callable[[], T]) -> T:
 
     Completes a killed process's move first. Raises an exception of `read` if the folder stayed the same.
 
-    manifest : the file of the folder that is written last, and so differs between generations.
+    manifest : the file of the folder that is written last; it differs after every change.
     read : reads the folder.
     """
     for _ in range(ATTEMPTS):
@@ -60,7 +60,7 @@ def read_steadily(manifest: Path, read: Callable[[], T]) -> T:
 
 
 def _identity(path: Path) -> tuple[int, ...] | None:
-    """Return values that no two files at this path share. Inode numbers are reused, but times are not."""
+    """Return numbers that identify a file at a path. Inode numbers are reused, but times are not."""
     try:
         status = os.stat(path)
     except OSError:

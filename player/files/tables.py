@@ -130,7 +130,7 @@ class Table:
                 raise InputError(f"{self.where}: unknown key {shown(key)}{hint}")
 
     def wrong(self, key: str, expected: str) -> InputError:
-        """Return the error for a value that was not expected."""
+        """Return the error for an unexpected value."""
         return self.refusal(f", {key}: found {shown(self.values.get(key))}, expected {expected}")
 
     def refusal(self, complaint: str) -> InputError:

@@ -54,9 +54,9 @@ class Adapter(Owning):
     def set(self, adapt: float, unit: float, black_level: float) -> None:
         """Set the parameters of the adaptation.
 
-        adapt : percent of the light that may clip.
+        adapt : percent of the light that may be clipped.
         unit : share of white that a picture's 1 stands for.
-        black_level : share of white that black asks for.
+        black_level : share of white that black stands for.
         """
         self._tone = Tone(self._no_tone, unit, black_level)
         self._offset_sums.set(budget=adapt * PERCENT / 2)

@@ -94,7 +94,7 @@ class GlSums:
     def estimate(self) -> NDArray[np.float32]:
         """Return the radiance, (height, width, channels), and restart the sums.
 
-        An unknown radiance is returned as −bound; the radiance is at least `bound`, and 0 says that only black was
+        An unknown radiance is returned as −bound; the radiance is at least `bound`, and 0 means that only black was
         seen.
         """
         if self._waiting:

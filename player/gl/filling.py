@@ -47,7 +47,7 @@ class Filling:
         self.move(monitor)
 
     def move(self, monitor: Monitor) -> None:
-        """Fill that monitor, wherever it is now."""
+        """Fill the monitor, wherever its place on the desktop is now."""
         self.monitor, self._waits = monitor, False
         self._restack(or_below_higher=True)
         put(self._handle, monitor.box)
@@ -143,7 +143,7 @@ def put(handle: Any, box: Box) -> None:
 
 
 def take_keys(handle: Any) -> None:
-    """Give the keyboard to a window that fills a monitor, because no window manager does."""
+    """Give the keyboard focus to a window that fills a monitor, because no window manager does."""
     if _on_x11():
         x11.take_keys(*_on_server(handle))
     else:

@@ -45,7 +45,7 @@ class GpuMap(Owning, ABC, Generic[Packed]):
             self._upload(packed)
 
     def product(self, combining: Combining = "") -> Product[moderngl.Texture]:
-        """Return target = Σ weights · source, combined with a base as shaders/product.glsl says.
+        """Return target = Σ weights · source, combined with a base as in shaders/product.glsl.
 
         combining : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP", or, for words of T,
             "WEIGHED_RESIDUAL".
@@ -166,7 +166,7 @@ class BufferMap(GpuMap[Packed]):
         return ComputePass(self, {**defines, "GROUP": GROUP, "LANES": self.lanes})
 
     def _most(self, unit_bytes: int) -> int:
-        """Return how many units of this size a buffer may hold."""
+        """Return how many units of this size fit into a buffer."""
         most: int = min(PART_ENTRIES * LONG_BYTES, self.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]) // unit_bytes
         return most
 

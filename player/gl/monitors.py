@@ -44,7 +44,7 @@ class Monitor:
 
     @property
     def box(self) -> Box:
-        """Its place on the desktop."""
+        """The monitor's place on the desktop."""
         return Box(self.x, self.y, self.width, self.height)
 
     def __str__(self) -> str:

@@ -19,7 +19,7 @@ class Mouse:
     """Reports mouse actions in a window.
 
     key : called with a key name for every double click and wheel step (player/show/keys.py).
-    press : called for every press.
+    press : called for every press of a button.
     """
 
     def __init__(self, handle: Any, key: Callable[[str], None], press: Callable[[], None]) -> None:

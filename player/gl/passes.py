@@ -21,7 +21,7 @@ FLOAT_COMPONENTS = 4  # RGBA, because OpenGL need not draw into float textures o
 def float_texture(
     context: moderngl.Context, shape: tuple[int, int], data: NDArray[np.float32] | None = None
 ) -> moderngl.Texture:
-    """Return an RGBA32F data texture (height, width), nearest texel, no wrapping. Raises InputError if impossible."""
+    """Return an RGBA32F data texture (height, width), nearest texel, no wrapping. Raises InputError if this fails."""
     return _texture(context, shape, FLOAT_COMPONENTS, "f4", data)
 
 

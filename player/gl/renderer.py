@@ -1,4 +1,4 @@
-"""Renderers for windows: over OpenGL 3.3, or 4.3 where it is faster; or on the processor, and OpenGL only shows."""
+"""Renderers for windows: on a GPU (OpenGL 3.3, or 4.3 where it is faster), or on the processor, shown by OpenGL."""
 
 from abc import abstractmethod
 

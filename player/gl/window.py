@@ -313,7 +313,7 @@ class Window:
         self._keys.append(REDRAW)
 
     def _on_press(self) -> None:
-        """Handle a mouse press: take the keyboard, because no window manager does."""
+        """Handle a mouse press: take the keyboard focus, because no window manager gives it."""
         if self._filling is not None:
             take_keys(self._handle)
 

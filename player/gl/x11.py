@@ -130,7 +130,7 @@ _ignored = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(_ign
 
 @contextmanager
 def _tolerating(display: Display) -> Iterator[Any]:
-    """Yield Xlib with errors ignored. By default errors end the process, and other programs' windows may vanish."""
+    """Yield Xlib with errors ignored: by default, errors end the process, as when another program's window vanishes."""
     xlib = _xlib()
     xlib.XSync(display, False)
     before = xlib.XSetErrorHandler(_ignored)
@@ -204,7 +204,7 @@ def stack(display: Display, window: int, *, below: int | None) -> None:
 
 
 def take_keys(display: Display, window: int) -> None:
-    """Give the keyboard to a window; if the window disappears, the keyboard follows the pointer."""
+    """Give the keyboard focus to a window; if the window disappears, the focus follows the pointer."""
     with _tolerating(display) as xlib:
         xlib.XSetInputFocus(display, window, _POINTER_ROOT, _NOW)
 

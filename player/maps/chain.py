@@ -65,7 +65,7 @@ class Chain(Generic[F, M]):
 
 @dataclass(frozen=True)
 class Sum:
-    """The sum of one or more operators: S, B P and U M D for T."""
+    """The sum of one or more operators; T is the sum of S, B P and U M D."""
 
     parts: Sequence[Operator]
 

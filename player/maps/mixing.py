@@ -32,7 +32,7 @@ TIERS = ("independent", "global", "pixel")
 FILES = "mixing_red.exr", "mixing_green.exr", "mixing_blue.exr"
 LARGEST_INVERSE = 1e3  # largest entry of Q or A; beyond it, a thousandth of the light would decide a picture's colour
 UNLIMITED = RADIANCE[1]
-SWEEPS = 3  # for a light that exceeds the range by a fifth, 60 sweeps end only 0.005 % nearer
+SWEEPS = 3  # sweeps; 60 sweeps come only 0.005 % nearer for a light that exceeds the range by a fifth
 ROUNDING = 1e-3  # allowed error of a sum that was written as text or as float32
 
 
@@ -123,7 +123,7 @@ class Mixing:
     def reach(self, full: Light, ambient: Light) -> Light:
         """Return the brightest grey that each primary allows a camera pixel, radiance (camera height, camera width, 3).
 
-        A grey g asks for g A 1 − A Q e of the full light T̃·1.
+        A grey g needs g A 1 − A Q e of the full light T̃·1.
 
         full : T̃·1.
         ambient : Q e.
@@ -135,7 +135,7 @@ class Mixing:
     def shared(self, share: NDArray[np.float32]) -> "Mixing":
         """Return the mixing for maps whose transport gives only a share of the visible light.
 
-        The result holds B / share, so that A asks for only that share.
+        The result holds B / share, so that A gives a target for only that share.
 
         share : (camera height, camera width).
         """

@@ -1,7 +1,7 @@
-"""The prior on the drive where the camera says little: ½ Σ η p² + ½ Σ ω (p_j − p_k)² over neighbours j, k, per channel.
+"""The prior on the drive of hardly seen pixels: ½ Σ η p² + ½ Σ ω (p_j − p_k)² over neighbours j, k, per channel.
 
 Its matrix P has η + Σ ω on the diagonal and −ω off the diagonal. `pull` applies it, as refinement_step.frag does.
-docs/mathematics.md 2 says where η and ω come from.
+docs/mathematics.md 2 derives η and ω.
 """
 
 from collections.abc import Callable

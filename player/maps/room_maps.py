@@ -73,7 +73,7 @@ class RefinementMaps:
     direct : direct mapping, one entry per row: the camera pixel that a projector pixel lights most, divided by its T·1.
     step_size : (projector height, projector width, 3) float32. 1 / (TᵀW T·1 + the prior's bound), or 0 if no camera
         pixel is lit.
-    prior : prior where the camera says little.
+    prior : prior on the drive of pixels that the camera hardly sees.
     weights : (camera height, camera width) float32. Diagonal of W.
     seen : (projector height, projector width) float32. How well the camera sees a pixel; 1 for most pixels.
     lit : (camera height, camera width) float32. 1 for camera pixels that figures refer to, else 0.
@@ -165,7 +165,7 @@ class RoomMaps:
         return maps if further is None else maps | _named("blurred_dual", further.blurred_dual)
 
     def plot(self) -> "Figure":
-        """Draw the entries that each pixel costs, and what refinement knows (needs matplotlib)."""
+        """Draw each pixel's number of entries, and the weights of refinement (needs matplotlib)."""
         pictures: dict[str, NDArray[Any]] = {
             "entries of T⁺ per projector pixel": self.correction.lookup[..., 2],
             "entries of T per camera pixel": self.transport.lookup[..., 2],

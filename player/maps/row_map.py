@@ -1,7 +1,7 @@
 """The contract of build and player: the format of T, Tᵀ, T⁺ and their factors as two textures each (thesis 5.2).
 
 A row of the matrix computes one pixel of the output picture: out[i] = Σ_k weight[k] · source[index[k]], per channel.
-The *lookup texture* (output resolution) says where a row starts and how long it is. The *entries texture* holds (w_R,
+The *lookup texture* (output resolution) holds the start and the length of each row. The *entries texture* holds (w_R,
 w_G, w_B, index) with index = x + y·width of the source picture. Rows are sorted by length and never break across
 texture rows. A texture is at most 16384 texels wide, and as high as necessary. Textures are processed in blocks, so
 that memory holds each texture only once. This module writes and reads the format; counterlight.passes.product applies
@@ -107,7 +107,7 @@ class SparseRows:
         return np.stack([np.bincount(rows, weights, count) for weights in self.weights.T], axis=1)
 
     def where(self, keep: NDArray[np.bool_]) -> "SparseRows":
-        """Keep only some entries. keep : (entries,)."""
+        """Keep only some entries. keep : (entries,) bool."""
         if keep.all():
             return self
         kept_before = np.concatenate([[0], np.cumsum(keep)])

@@ -33,8 +33,8 @@ IntArray = NDArray[np.int64]
 class Part:
     """The input of one dispatch of the compute shader.
 
-    rows : (rows, 4) uint32. Output pixel x | y << 16 (NO_PIXEL for padding), 0, length, first entry. A row's k-th entry
-        is entry `first + k // lanes · GROUP + k % lanes`.
+    rows : (rows, 4) uint32. Output pixel x | y << 16 (NO_PIXEL for padding), the number 0, length, first entry. A row's
+        k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
     entries : (entries, 4) uint32. Bits of three float32 weights, source x | y << 16.
     """
 

@@ -86,7 +86,7 @@ class SmallMap:
         return SmallMap(indptr, indices, codes, self.source_shape, self.output_shape, colours, scale=self.scale)
 
     def where(self, keep: NDArray[np.bool_]) -> "SmallMap":
-        """Keep only some entries. keep : (entries,)."""
+        """Keep only some entries. keep : (entries,) bool."""
         if keep.all():
             return self
         kept_before = np.concatenate([[0], np.cumsum(keep)])

@@ -55,7 +55,7 @@ def _bits(code: int) -> int:
 def _run_lengths(
     indptr: IntArray, indices: NDArray[np.int32], codes: NDArray[np.int32], said: NDArray[np.bool_]
 ) -> IntArray:
-    """Return the number of words of each row, (rows,). said : (rows,), whether the row has a word for its trust."""
+    """Return the number of words of each row, (rows,). said : (rows,) bool. Whether a row has a word for trust."""
     lengths = said.astype(np.int64)
     for row in range(lengths.size):
         before = 0

@@ -87,7 +87,7 @@ class Track:
         return self._ready
 
     def kill(self) -> None:
-        """End the decoder. Ready samples are still played."""
+        """End the decoder; samples that are ready are still played."""
         self._child.kill()
 
     def seek(self, time_s: float, speed: float) -> None:
@@ -209,7 +209,7 @@ class DeviceSink:
 
 
 def open_audio(volume: float, *, mute: bool) -> tuple[AudioOutput | None, str | None]:
-    """Open the default device. Without a device, returns None and a line that says why."""
+    """Open the default device. Without a device, returns None and a line with the reason."""
     try:
         output = AudioOutput(DeviceSink())
         output.volume, output.mute = volume, mute

@@ -41,7 +41,7 @@ class PixelFormat:
         right column becomes the top row: displayed[y, x] = stored[x, width − 1 − y], that is numpy.rot90(stored).
     pixel_aspect : width / height of a stored sample; 1 if unknown.
     primaries : "bt709", "bt2020", "p3".
-    peak_nits : cd/m² of the brightest PQ light; 0 if the medium does not say.
+    peak_nits : cd/m² of the brightest PQ light; 0 if the medium does not state it.
     """
 
     width: int

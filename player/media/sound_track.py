@@ -27,7 +27,7 @@ PATIENCE_S = 30.0  # longest silence of a copier
 def copied_sound(medium: Medium, start_s: float, tell: Callable[[str], None]) -> Iterator[Path | None]:
     """Yield a temporary file with a medium's sound from `start_s` on, or None if there is no sound.
 
-    tell : takes a line that says why existing sound cannot be copied.
+    tell : function that takes a line with the reason why existing sound cannot be copied.
     """
     with tempfile.TemporaryDirectory(prefix="counterlight-") as folder:
         path = Path(folder) / "sound.nut"

@@ -91,8 +91,8 @@ class MediaReader:
         frames_per_second : rate of a sequence; None means 25. Videos keep their own times.
         tolerant : skip pictures that cannot be decoded (Frame.skipped, and a notice) instead of raising an error.
         hwdec : device that decodes films: "no" (the processor), "auto", or FFmpeg's name such as `cuda` or
-            `vaapi:/dev/dri/renderD128`. If the device fails or its decoder dies, the processor decodes and a notice
-            says so.
+            `vaapi:/dev/dri/renderD128`. If the device fails or its decoder dies, the processor decodes, and a notice
+            reports this.
         opening_s : time limit for opening; None for the medium's usual limit.
         """
         if frames_per_second is not None and not 0 < frames_per_second <= 1000:
@@ -158,7 +158,7 @@ class MediaReader:
     def poll(self) -> Frame | None:
         """Return the next frame if it is ready, otherwise None. Never waits. Returns None after the end (`ended`).
 
-        Raises InputError at damage, after all frames before the damage have been returned.
+        Raises InputError for damage, after all frames before the damage have been returned.
         """
         return self._take(0.0)
 

@@ -54,7 +54,7 @@ def _runs(text: str, scale: float) -> list[tuple[ImageFont.FreeTypeFont, str]]:
 
 @lru_cache(maxsize=4096)
 def _font_of(letter: str) -> str:
-    """Return the file of a font with this letter, or else of the bundled font, which draws a box."""
+    """Return the file of a font that has this letter, or the file of the bundled font, which draws a box."""
     if letter.isascii() or _has(FONT, letter):
         return FONT
     other = _system_font(ord(letter) // BLOCK)

@@ -1,8 +1,8 @@
 """The outline of a picture that is being placed: points of the shown picture along the outline, and its handles.
 
 In the camera's views, the outline is the quadrilateral of the corners. In the projector's picture, each point is drawn
-at the pixel that lights it most, so that the outline appears at the same place in the scene. It has gaps where the
-projector does not reach.
+at the pixel that lights it most, so that the outline appears at the same place in the scene. The outline has gaps where
+the projector does not reach.
 """
 
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def outline_of(corners: Corners, corner: int | None, camera: tuple[int, int]) ->
 
 
 def outline_on(screen: Screen, corners: Corners, corner: int | None) -> Outline:
-    """Return an outline in shares of several cameras' raster: the pixels that see the edge, and handles per camera."""
+    """Return an outline in shares of several cameras' raster: pixels that see the edge, and handles in each camera."""
     at = screen.positions / np.array(screen.shape[::-1], np.float64)
     inside = _inside(corners, at)
     points, handles = [], []

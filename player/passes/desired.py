@@ -18,7 +18,7 @@ class Tone(Generic[Picture]):
 
     tone : (1, 1). (s, o) of the frame.
     unit : share of white that a picture's 1 stands for.
-    black_level : k, share of white that black asks for.
+    black_level : k, share of white that black stands for.
     """
 
     tone: Picture
@@ -32,7 +32,7 @@ class Desired(Pass[Picture]):
 
     white : light of a picture's 1, or of white with a tone.
     tone : applied to the picture.
-    full : T·1. Limits each pixel to its own range; otherwise its neighbours would try to help in vain.
+    full : T·1. Limits each pixel to its own range; otherwise its neighbours would brighten, and could not help.
     clamp : limit the result to 0..1, for a picture that is sent to the projector.
     mixed : rows of a matrix per pixel, applied to b.
     squares : (9,). With `mixed` and `full`, choose the light that the camera sees nearest to the target
@@ -78,7 +78,7 @@ def _dot(first: Any, second: Any) -> Any:
 
 @inlined
 def _more(light: Any, moved: Any, own: Any, most: Any) -> Any:
-    """Return the further move of a primary that its limit demands, divided by N's diagonal (maps/mixing.py)."""
+    """Return the additional change that a primary's limit requires, divided by N's diagonal (maps/mixing.py)."""
     alone = light - own * moved
     return (within(alone, np.float32(0), most) - alone) / own - moved
 

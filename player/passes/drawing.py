@@ -91,5 +91,5 @@ def flat(picture: Array) -> Array:
 
 
 def given(picture: Array | None) -> Array:
-    """Return a picture for a kernel that takes an empty array for none."""
+    """Return the picture for a kernel; an empty array stands for no picture."""
     return NOTHING if picture is None else picture

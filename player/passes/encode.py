@@ -36,7 +36,7 @@ class Encode:
         self._scale, self._dither = np.float32(scale), DITHERS.index(dither)
 
     def fill(self, light: Array, frame: int, out: NDArray[np.unsignedinteger]) -> None:
-        """Encode a picture into `out`, 8 or 16 bits per code by its type. frame : number that seeds the noise."""
+        """Encode a picture into `out`, whose type gives 8 or 16 bits per code. frame : number that seeds the noise."""
         projectors = self._codes, self._of_column, self._row_height, self._colours, self._mixes
         processed = self._segments, self._processing
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), THRESHOLDS
@@ -51,9 +51,9 @@ def encoded(light: NDArray[np.floating], response: RasterResponse, scale: float 
 
 
 def reached(light: NDArray[np.floating], response: RasterResponse) -> NDArray[np.float64]:
-    """Return a picture's light, 0 to 1, with what arrives instead where no code values give it, (height, width, 3).
+    """Return a picture's light, 0 to 1, (height, width, 3); where no code values give it, the light that arrives.
 
-    Colour processing, a white segment or other primaries put colours out of reach. Losses below SHORT are ignored.
+    Colour processing, a white segment or other primaries make some colours impossible. Losses below SHORT are ignored.
     """
     arriving = response.to_linear(encoded(light, response))
     return np.where(arriving < light - SHORT, arriving, light.astype(np.float64))

@@ -98,7 +98,7 @@ def prepare(compiling: Callable[[int], None] = lambda left: None) -> None:
     """Load every cached kernel, and compile the others.
 
     compiling : called before each compilation with the number of remaining kernels. Numba's own event triggers the
-        call. Load time would be no criterion: loading all kernels takes a second, and longer on a busy machine.
+        call. Load time does not show a compilation: loading all kernels takes a second, and longer on a busy machine.
     """
     from numba.core import event
     from numba.core.sigutils import normalize_signature

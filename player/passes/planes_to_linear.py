@@ -25,7 +25,7 @@ AS_IT_IS = np.array([0, 1], np.float32)  # identity transfer table
 class Rendition:
     """The conversion of a picture's light after its transfer curve (pipeline/signal.py).
 
-    ootf : γ − 1 of HLG; 0 for none.
+    ootf : γ − 1 of HLG; 0 for other transfers.
     top : light of the medium's peak; brighter light is treated as equal to it.
     gain : (samples,). Factor of the light, at equal steps of ⁴√(light / top) from 0 to 1.
     matrix : (3, 3). From the medium's primaries to the screen's.

@@ -73,7 +73,7 @@ def step(
     next_p: Array,
     next_y: Array,
 ) -> None:
-    """One projected gradient step; pictures (rows, values). `draws` : the prior is not 0."""
+    """One projected gradient step; pictures (rows, values). `draws` : whether the prior is not 0."""
     height, width = y.shape
     for row in prange(height):
         for i in range(width):

@@ -43,7 +43,7 @@ class ErrorMap(Pass[Picture]):
 
 @dataclass(frozen=True, eq=False)
 class Impossible(Pass[Picture]):
-    """Camera pixels by what they cannot show.
+    """Camera pixels, coloured by the grey that they cannot show.
 
     reach : output of `Reach`.
     colours : (1, 4, 3). Linear light: everything is possible, the pixel does not count, below mid grey, below white.

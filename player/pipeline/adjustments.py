@@ -50,7 +50,7 @@ KINDS: dict[str, Kind] = {
 
 @dataclass(frozen=True)
 class Adjustments:
-    """Settings that can change during playback; the defaults change nothing. show/options.py explains them.
+    """Settings that can change during playback; the defaults do not change the picture. show/options.py explains them.
 
     adapt : see player/pipeline/content.py.
     flicker : weight of the previous frame's drive.

@@ -2,9 +2,9 @@
 
 Adaptation (thesis 2.3: Ashdown et al. 2006, Grundhöfer and Bimber 2008) is global. For a picture u in shares of the
 white level w, the target becomes w (s u + o), with one offset o ≥ 0 and one scale s ≤ 1 − o per frame. White therefore
-never asks for more than before. Let b be the target without the ambient light e, and F b = U M' D' b the far light of
-the compensated picture (room_maps.py). Near light must provide the rest. A single camera pixel can have from 0 to S·1
-of near light, so the light that clips is
+never needs more light than before. Let b be the target without the ambient light e, and F b = U M' D' b the far light
+of the compensated picture (room_maps.py). Near light must provide the rest. A single camera pixel can get from 0 to S·1
+of near light, so the clipped light is
 
     n = w s (u − F u) + w o (1 − F 1) − (e − F e),        C(s, o) = Σ [n − S·1]₊ + [−n]₊
 
@@ -32,7 +32,7 @@ SMOOTHING_S = 0.5
 
 
 class SceneCuts:
-    """Finds cuts, frames unrelated to the previous frame, by their luma (or red, if there is no luma)."""
+    """Finds cuts (frames that are unrelated to the previous frame) from luma, or from red if there is no luma."""
 
     def __init__(self) -> None:
         self._last: NDArray[np.float32] | None = None
@@ -118,5 +118,5 @@ def psnr(mean_square: float) -> float:
 
 
 def approach(duration_s: float) -> float:
-    """Return the share of the way to the found adaptation that a frame of this duration covers."""
+    """Return by which share of its distance the adaptation approaches the found values in a frame of this duration."""
     return float(1 - np.exp(-max(duration_s, 0.0) / SMOOTHING_S))

@@ -30,7 +30,7 @@ class Correction:
     ambient : (rows, columns, 3). Change of the ambient light, in screen primaries. The field covers the camera picture
         and is interpolated between the middles of its cells.
     paint : (camera height, camera width, 3), factor of the field for each camera pixel; None for 1.
-    white : factor of the light that a white picture asks for.
+    white : factor of a white picture's light.
     """
 
     projectors: tuple[Moved, ...]

@@ -38,7 +38,7 @@ class GpuPath:
     shader : "fragment" (shaders/*.frag, OpenGL 3.3), "compute" (shaders/*.comp, OpenGL 4.3), or "auto".
     entries : "16" (bytes per entry), "words" (T and Tᵀ in words of 4 bytes), or "auto".
 
-    "auto" measures at startup and keeps the fastest.
+    "auto" measures the ways at startup and keeps the fastest.
     """
 
     shader: str = "fragment"
@@ -87,7 +87,7 @@ class PathReport:
 class Owner:
     """Holds resources and releases them in reverse order. Arrays need no release.
 
-    Its `with` block releases them only if the block fails.
+    A `with` block releases them only if the block fails.
     """
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ class Owner:
         return resource
 
     def give_up(self, resource: object) -> None:
-        """Release one resource now; does nothing for None."""
+        """Release one resource at once; does nothing for None."""
         for index, owned in enumerate(self._owned):
             if owned is resource:
                 self._owned.pop(index).release()
@@ -117,7 +117,7 @@ class Owner:
 
 
 class Owning:
-    """Has its resources in `_owner`."""
+    """Holds its resources in `_owner`."""
 
     _owner: Owner
 
@@ -185,7 +185,7 @@ class ChainPass(Generic[Picture]):
 class SumPass(Owning, Generic[Picture]):
     """A near map plus chains: target = base ± (near + Σ chain) · source.
 
-    combining : how the near map and each chain are combined with what is before them.
+    combining : how the near map, and each chain, is combined with the result before it.
     """
 
     def __init__(
@@ -223,9 +223,9 @@ class Adapter(Protocol[Picture]):
     def set(self, adapt: float, unit: float, black_level: float) -> None:
         """Set the parameters of the adaptation.
 
-        adapt : percent of the light that may clip.
+        adapt : percent of the light that may be clipped.
         unit : share of white that a picture's 1 stands for.
-        black_level : share of white that black asks for.
+        black_level : share of white that black stands for.
         """
 
     def advance(self, *, cut: bool, duration_s: float) -> None: ...

@@ -46,7 +46,7 @@ def default_steps(start: str) -> int:
 
 @dataclass(frozen=True)
 class Advice:
-    """How a room should be played, as its maps advise: from one of STARTS, with this number of steps per frame.
+    """The maps' advice on playing a room: one of STARTS, and a number of steps per frame.
 
     curves : by start, dB below the optimum by number of steps, as measured by the build.
     """
@@ -82,7 +82,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Offer:
-    """A start to choose from: its cost in steps, and the error curve of the steps that follow."""
+    """A start of refinement that may be chosen: its cost in steps, and the error curve of the steps after it."""
 
     start: str
     in_steps: float
@@ -123,7 +123,7 @@ class Certificate:
     squared_error : (3,). E = ‖T p − b‖². In the player, over the lit camera pixels, with unlimited b.
     gap : (3,). G = Σ max(g p, g (p − 1)), with g the gradient of E/2. No drive lowers E/2 by more than G.
     outside : drive of projector pixels that the camera does not see, relative to the same sum of the uncompensated
-        picture; None if the latter is 0 or was not measured.
+        picture; None if the uncompensated picture's sum is 0 or was not measured.
     """
 
     squared_error: NDArray[np.float64]
@@ -165,7 +165,7 @@ class StepBudget:
     most : largest number of steps, at which the count begins; without `most`, the count begins at 1.
     least : smallest number of steps, regardless of time.
 
-    The count grows by a quarter while frames end early; a frame that uses SHARE_OF_FRAME still ends in time with a
+    The count grows by a quarter while frames end early. A frame that uses SHARE_OF_FRAME still ends in time with a
     quarter more steps. After a late frame, the count that would have fitted is kept for LEAST_PATIENCE frames, since
     other load on the machine may pass. Each failed try doubles this wait, up to PATIENCE frames.
     """

@@ -21,10 +21,10 @@ SUBTRACT: Combining = "SUBTRACT_FROM_BASE"
 
 
 class Goal(NamedTuple, Generic[Picture]):
-    """The pictures that a drive is measured against.
+    """The pictures that a drive is compared with.
 
     b : target of the steps.
-    unbounded : target without the limits of what each pixel can have.
+    unbounded : target without the limits of each pixel's light.
     plain : drive without compensation.
     """
 
@@ -85,7 +85,7 @@ class Refiner(Owning, Generic[Picture]):
 
     @cached_property
     def _certifier(self) -> "_Certifier[Picture]":
-        """The passes of the certificate. They are built on first use, because they hold eight pictures."""
+        """The passes of the certificate, built on first use because they hold eight pictures."""
         return self._owner.own(_Certifier(self._device, self._maps))
 
 

@@ -93,7 +93,7 @@ class Renderer(Owning, Generic[Picture]):
     def start_from(self, start: str, bare: str = "map") -> None:
         """Set where refinement starts, one of STARTS, from the next render on.
 
-        bare : drive of a render without steps: "map" for T⁺ b, or "direct" for direct mapping.
+        bare : drive of a picture without steps: "map" for T⁺ b, or "direct" for direct mapping.
         """
         self._blend.start_from(start, bare)
 
@@ -222,7 +222,8 @@ class Renderer(Owning, Generic[Picture]):
         """Compute a view of the uploaded frame, one of VIEWS.
 
         view : split shows the camera's view without | with compensation. error shows the distance from the target.
-            impossible shows what no picture can reach (views.py). For a test card, error shows the camera's view.
+            impossible shows targets that no picture can reach (views.py). For a test card, error shows the camera's
+            view.
         steps : steps of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
         timed : wait after each stage, and report times in `stage_s`.
         """
@@ -391,7 +392,7 @@ class _Compensated(NamedTuple, Generic[Picture]):
 
     @property
     def refiner(self) -> Refiner[Picture] | None:
-        """None between views."""
+        """The certificate's view: None between views."""
         return self.targets[0].view.refiner if len(self.targets) == 1 else None
 
 

@@ -37,7 +37,7 @@ class Room:
     within : radiance within which 9 of 10 values of a typical camera pixel arrive, in black and in white; None if the
         calibration has no interval.
     others : the further views of a set; this room is the first view.
-    places : where all views of a set stand.
+    places : positions of all views of a set.
     """
 
     calibration: Calibration
@@ -63,7 +63,7 @@ class Room:
         return (self, *self.others)
 
     def shares(self, viewpoint: Viewpoint) -> NDArray[np.float64]:
-        """Return the share of each view for viewers there; raises InputError for a place in a room with one view."""
+        """Return each view's share for viewers at a place; raises InputError for a place in a room with one view."""
         if self.places is not None:
             return self.places.shares(viewpoint)
         if viewpoint != "all":
@@ -75,7 +75,7 @@ class Room:
 
     @property
     def expected(self) -> str | None:
-        """How far a picture arrives from its prediction; None if the calibration has no interval."""
+        """How far a captured picture may be from its prediction; None if the calibration has no interval."""
         if self.within is None:
             return None
         black, white = (100 * each / self.white for each in self.within)
@@ -170,7 +170,7 @@ def _read_set(folder: Path, white: float | None, *options: Any, refinement: bool
 
 
 def start_of(room_maps: RoomMaps, folder: Path | None = None) -> str:
-    """Return the default start of refinement: as the maps advise, else from T⁺."""
+    """Return the default start of refinement: the advice of the maps, else T⁺."""
     advice = _advice(room_maps, folder)
     return STARTS[0] if advice is None else advice.start
 

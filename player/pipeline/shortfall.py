@@ -33,7 +33,7 @@ class Shortfall:
     """An estimate of how far a picture is below the best picture.
 
     decibels : dB below the unweighted optimum over the lit camera pixels.
-    doubling : dB that the same number of steps again would gain; at least one step.
+    doubling : dB that as many further steps, and at least one step, would gain.
     steps : steps of the picture.
     solved, squares : number of squares that were solved, and of all squares.
     spread : relative standard error of a sample.

@@ -1,4 +1,4 @@
-"""Refines one square of a drive until it converges, with its surroundings fixed, to find how much it could gain.
+"""Refines one square of a drive to convergence, with fixed surroundings, to find the possible gain of the square.
 
 With r = b − T p, d = TᵀW r and P the prior of refinement.py, a change δ of the drive changes the objective by
 
@@ -189,7 +189,7 @@ def _stepped(
 ) -> FloatArray:
     """Replace `bent`, which is (TᵀWT + P) times `at`, by the next change.
 
-    Returns (3,), a value per channel. A positive value says that momentum leads uphill.
+    Returns (3,), a value per channel. A positive value means that momentum leads uphill.
     """
     height, width, _ = drive.shape
     uphill = np.zeros(3)

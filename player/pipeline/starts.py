@@ -46,8 +46,10 @@ class MapStart(Generic[Targets, Picture]):
 
 
 class PreviousStart(Owning, Generic[Targets, Picture]):
-    """Starts from p = clamp(T⁺ b + k), y = p + v. k is the change by refinement in the previous frame: its last p minus
-    its T⁺ b. v is that frame's final momentum, y minus p. Both are 0 after a cut.
+    """Starts from p = clamp(T⁺ b + k), y = p + v.
+
+    k is the change by refinement in the previous frame: the frame's last p minus
+    the frame's T⁺ b. v is the frame's final momentum, y minus p. Both are 0 after a cut.
 
     correct : b -> T⁺ b, or direct mapping, not clamped.
     """
@@ -59,7 +61,7 @@ class PreviousStart(Owning, Generic[Targets, Picture]):
         self._before, self._now = (own(_Carried(device, shape)) for _ in range(2))
 
     def advance(self, *, cut: bool) -> None:
-        """Prepare for a new frame; `cut` says that the frame is unrelated to the previous frame."""
+        """Prepare for a new frame; `cut` : whether the frame is unrelated to the previous frame."""
         self._before, self._now = self._now, self._before
         self._now.steps = 0
         if cut or not self._before.steps:

@@ -122,7 +122,7 @@ class Survey:
         return alike if self._whole or not total > 0 else (alike + promised / total) / 2
 
     def _draw(self, chances: FloatArray) -> list[tuple[int, float]]:
-        """Return numbers of squares and how many each represents, by systematic sampling."""
+        """Return the indices of sampled squares, and how many squares each represents, by systematic sampling."""
         if self._whole:
             return [(number, 1.0) for number in range(chances.size)]
         count = max(MOST_ENTRIES * chances.size // self._entries, FEWEST)
@@ -147,7 +147,7 @@ class Survey:
         return best, further
 
     def _square(self, part: Part) -> tuple[Square, Square]:
-        """Return the square for the objective of the steps, and for the unweighted error."""
+        """Return the square with the weights of the steps' objective, and the same square without weights."""
         sought = square_of(self._maps, part)
         return sought, unweighted(sought, self._maps.lit)
 

@@ -9,7 +9,7 @@ MANY = 1e6  # a bound this large counts as no bound in help texts
 
 
 class UnreadError(ValueError):
-    """A value was refused. The message says what was expected and found; the caller prepends the parameter's name."""
+    """A value was refused. The message states what was expected and found; the caller prepends the parameter's name."""
 
 
 class Kind(Protocol):

@@ -86,7 +86,7 @@ class ViewBlend(Owning, Generic[Picture]):
             self._several.take(self._curvatures.run(curvatures))
 
     def advance(self, *, cut: bool) -> None:
-        """Prepare for a new frame; `cut` says that the frame is unrelated to the previous frame."""
+        """Prepare for a new frame; `cut` : whether the frame is unrelated to the previous frame."""
         if self.refines:
             self._start.advance(cut=cut)
 

@@ -2,7 +2,7 @@
 
 error : predicted camera picture minus target, of the worst channel, in shares of white. Blue is too dark, red is too
     bright, with full colour at ERROR_SPAN and beyond; near-black pixels do not count.
-impossible : camera pixels that cannot be corrected. The colour says which grey level full drive cannot reach; if
+impossible : camera pixels that cannot be corrected. The colour shows which grey level full drive cannot reach. If
     several classes apply, the first one is shown.
 clipping : drawn over a view. It shows targets beyond the possible range: red above, blue below, half strength from
     CLIP_FAINT on, and full strength at CLIP_SPAN. In the projector's view this is T⁺ b beyond 0..1. In the camera's

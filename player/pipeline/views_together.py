@@ -34,7 +34,7 @@ def with_shared_darkness(maps: Sequence[RoomMaps]) -> list[RoomMaps]:
     """Return maps of views whose priors never darken a projector pixel that another view sees.
 
     A view's prior darkens pixels that its camera does not see (docs/mathematics.md 2). Between views, this would halve
-    what another view needs. Each view therefore gets the smallest damping η of all views.
+    the light that another view needs. Each view therefore gets the smallest damping η of all views.
     """
     own = [each.refinement for each in maps if each.refinement is not None]
     least = reduce(np.minimum, (each.prior.damping for each in own))

@@ -74,7 +74,7 @@ class Link:
             del self._waiting[number]
 
     async def observe(self) -> None:
-        """Observe every property that costs the show nothing to read."""
+        """Observe every property that the show can read without cost."""
         for name, info in self.properties.items():
             if not info["costly"]:
                 await self.ask("observe_property", _OBSERVED, name)

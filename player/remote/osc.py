@@ -30,7 +30,7 @@ Sender: TypeAlias = tuple[Any, ...]
 
 
 class UnreadError(ValueError):
-    """An invalid address or argument. The message says what was expected."""
+    """An invalid address or argument. The message states what was expected."""
 
 
 class Osc(asyncio.DatagramProtocol):

@@ -2,10 +2,10 @@
 
     in    {"command": ["set_property", "pause", true], "request_id": 7}       as at the control socket
     out   {"request_id": 7, "error": "success", "data": null}
-    out   {"event": "properties", "values": {"pause": true, "time-pos": 3.2}}  what has changed
+    out   {"event": "properties", "values": {"pause": true, "time-pos": 3.2}}  changed values
     out   {"event": "known", "commands": {…}, "properties": {…}}               at first
 
-The process stops reading from a browser that does not read its answers, and disconnects it after a while. Too many
+If a browser does not read its answers, the process stops reading from it, and later disconnects it. Too many
 requests are delayed.
 """
 

@@ -44,7 +44,7 @@ class Showing:
 class Sound:
     """The output of sound.
 
-    output : None without an output.
+    output : None if there is no output.
     silence : why there is no output, reported when a medium has sound; None if the user wants no sound.
     """
 

@@ -201,7 +201,7 @@ class _Actions:
         return f"this is {self._session.display.monitor}"
 
     def reload(self) -> str:
-        """Read the maps, the colour table and the shaders again. After a failure the show keeps the old ones."""
+        """Read the maps, the colour table and the shaders again. After a failure, the show keeps the old ones."""
         session = self._session
         try:
             lut = session.adjustments.lut and read_again(session.adjustments.lut)

@@ -1,4 +1,4 @@
-"""Compiles the passes for the processor at the start, and prints that it does."""
+"""Compiles the passes for the processor at startup, and prints this."""
 
 import sys
 

@@ -74,7 +74,7 @@ def _uncompensated(options: argparse.Namespace) -> bool:
 
 
 def backend_of(options: argparse.Namespace) -> str:
-    """Return the backend: OpenGL if an option asks for shaders of OpenGL, otherwise as --backend says."""
+    """Return the backend: OpenGL if an option selects shaders of OpenGL, otherwise the one that --backend names."""
     chosen: str = options.backend
     return "gl" if chosen == "auto" and (options.shader or options.entries) else chosen
 
@@ -101,7 +101,7 @@ def steps_of(options: argparse.Namespace) -> Steps | None:
 
 
 def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor:
-    """Return the governor for the options. A start that the options give is kept.
+    """Return the governor for the options. A start given by the options is kept.
 
     usual : steps if the options give no number.
     """

@@ -1,4 +1,4 @@
-"""Chooses the start and the number of steps of each frame by options, time and estimates; draws it with these steps."""
+"""Chooses the start and the number of steps of each frame by options, time and estimates; draws the frame with them."""
 
 import math
 import time
@@ -32,7 +32,7 @@ class Governor:
     within : allowed dB below the optimum, called the promise.
     start : the start of refinement.
     offers : starts to choose from if the user gives no number of steps.
-    quick : whether the correction map takes less time than direct mapping with one step. Budgets may then allow 0
+    quick : whether the correction map takes less time than direct mapping with one step. A budget may then allow 0
         steps.
 
     bare : picture of a frame without a step: "map", or "direct" if the correction map does not fit into a budget.
@@ -244,7 +244,7 @@ class Governor:
         self.start = min(self._offers, key=rated).start
 
     def _leave_what_is_late(self, seconds: float) -> None:
-        """Switch to direct mapping, with as many steps as it needs, if T⁺ takes too long for a frame.
+        """Switch to direct mapping and the steps that it needs, if T⁺ takes too long for a frame.
 
         Switches only if direct mapping gives a clean picture in less time.
 

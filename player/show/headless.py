@@ -221,7 +221,7 @@ class _Drawing:
 
 
 def _pass_over(reader: MediaReader, count: int) -> None:
-    """Skip the first frames by decoding them, because a decoder that seeks may give other pictures at first."""
+    """Skip the first frames by decoding them, because a decoder may give other pictures just after a seek."""
     for _ in range(count):
         frame = reader.next_frame(FRAME_TIMEOUT_S)
         if frame is None:

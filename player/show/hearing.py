@@ -1,4 +1,4 @@
-"""Opens the sound of a show's media. If there is no sound, one notice says why."""
+"""Opens the sound of a show's media. If there is no sound, one notice gives the reason."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,7 +13,7 @@ class Hearing:
     """Opens the sound of each medium.
 
     audio : None without an output.
-    silence : why there is no output; None if the user wants no sound.
+    silence : reason why there is no output; None if the user wants no sound.
     notice : takes a line for the user.
     """
 

@@ -37,9 +37,9 @@ class Option:
     default : None if it depends on the media or the room.
     value : placeholder in --help.
     unit : unit shown after the value on the screen.
-    stated : the default in words, if `default` does not say it.
+    stated : the default in words, if `default` is not enough.
     common : whether --help shows it.
-    needs : "window" or "output" if it has an effect only there.
+    needs : "window" or "output" if the option has an effect only there.
     setting : whether the settings file may hold it. Flags that are no settings have no --no- form.
     several : whether it may be repeated.
     bare : value if the option is given without a value.

@@ -15,7 +15,7 @@ ROUNDING = 0.25
 TOLERATED_S = 0.02  # tolerated delay at any frame rate
 DECODER_WAIT_S = 0.002  # poll interval while a decoder is behind
 HELD_S = 0.25  # how long a late frame is held back for a newer frame
-HURRIED_S = 2.0  # seconds in which no frame is held back, after a frame was held back in vain
+HURRIED_S = 2.0  # seconds in which no frame is held back, after a frame was held back without effect
 
 
 @dataclass
@@ -105,7 +105,7 @@ class Playback:
         return self._sound is not None and self._sound.time_s() is not None
 
     def shift(self, seconds: float) -> None:
-        """Shift media time. Frames that are over are dropped, and the clock waits for frames that are not yet due."""
+        """Shift media time. Frames that are over are dropped; frames that are not yet due are waited for."""
         self._hold_now()
         if self._anchor is None:
             return
@@ -297,7 +297,7 @@ class Playback:
         return self.pace.group(frame.time_s) == self.pace.group(self._shown_s)
 
     def _is_early(self, frame: Frame) -> bool:
-        """Whether a live frame comes before its time. If it does, earlier frames were delayed by the difference."""
+        """Whether a live frame comes before its time. Earlier frames were then delayed by the difference."""
         return self.reader.info.live and not self._paused and not self._has_come(frame.time_s)
 
     def _comes_too_late(self, frame: Frame) -> bool:
@@ -391,7 +391,7 @@ class Playback:
         return media_s if self._paused else media_s + (self._clock() - clock_s) * self._speed
 
     def _begin_at(self, frame: Frame) -> None:
-        """Anchor media time to a frame: to now, or to `begins_s` if that was less than a frame ago."""
+        """Anchor the media time of a frame to the present, or to `begins_s` if that was less than a frame ago."""
         begins_s, self._begins_s, now_s = self._begins_s, None, self._clock()
         late_s = 0.0 if begins_s is None else now_s - begins_s
         self._anchor = now_s - late_s if 0 < late_s < frame.duration_s else now_s, frame.time_s

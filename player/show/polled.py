@@ -1,4 +1,4 @@
-"""Starts what the options ask to run next to a show: checks of the room, the watcher, projectors, other machines."""
+"""Starts the functions that run besides a show: checks of the room, the watcher, projectors, other machines."""
 
 import argparse
 import os
@@ -24,7 +24,7 @@ from counterlight.unattended.watcher import Watcher
 
 
 def checks_of(options: argparse.Namespace) -> RoomChecks | None:
-    """Return the checks of the room by counterlight verify, None if the options ask for none."""
+    """Return the checks of the room by counterlight verify, None if the options request none."""
     found = check_of(options)
     if found is None:
         return None

@@ -54,13 +54,13 @@ class Programme:
 
     lasting : whether only a user ends the show.
     begins_again : whether the list or the medium starts again at its end.
-    keep : what the end leaves, as in `keep-open` without "auto".
+    keep : what stays on the screen at the end, as in `keep-open` without "auto".
     looping : whether media start again at their end.
     notice : takes a line for the user.
     clock : seconds, monotonic.
 
     at_end : whether the end is held, until a user requests a medium or seeks.
-    on : position in the list of the medium that plays.
+    on : position of the playing medium in the list.
     over : whether that medium has ended, or nothing plays.
     done : whether the show has ended.
     failure : the error that ended the show; None for a regular end.
@@ -238,7 +238,7 @@ class Programme:
         return medium
 
     def remove(self, position: int) -> bool:
-        """Remove a medium from the list. In place of the present medium, open the next; return False without a next.
+        """Remove a medium from the list; for the present medium, open the next one. Returns False without a next one.
 
         Raises InputError for the only medium.
         """

@@ -1,7 +1,7 @@
 """The registry of all commands and properties, shared by keys, settings and the control socket.
 
-Names are mpv's where mpv has them. Values are JSON values. Words such as "yes" and "12.5" are also accepted, because a
-key binding contains only words.
+Names are those of mpv, where mpv has the function. Values are JSON values. Words such as "yes" and "12.5" are also
+accepted, because a key binding contains only words.
 """
 
 import math
@@ -59,7 +59,7 @@ class Command:
 
 
 class Commands:
-    """Runs commands, and reads and sets properties by name. Raises CommandError for everything that cannot be done."""
+    """Runs commands, and reads and sets properties by name. Raises CommandError for requests that cannot be met."""
 
     def __init__(self, commands: Mapping[str, Command], properties: Mapping[str, Property]) -> None:
         self._properties = dict(properties)

@@ -22,9 +22,9 @@ REST_S, LONGEST_REST_S = 1.0, 60.0  # first and longest pause before a process t
 
 
 class RemoteProcess:
-    """The process that serves remotes as a client of the show. It is started again when it dies.
+    """The process that serves remotes as a client of the show. The process is started again when it dies.
 
-    services : listening sockets, by the name that the process knows them by.
+    services : listening sockets, by their names in the process.
     token : access token of the page.
     """
 
@@ -80,7 +80,7 @@ class RemoteProcess:
 
 
 def open_remotes(web: Address | None, osc: Address | None) -> RemoteProcess:
-    """Open what --remote and --osc ask for, at least one of them, and print the addresses.
+    """Open the sockets of --remote and --osc, at least one of them, and print the addresses.
 
     Raises InputError if a package is missing or a socket or token cannot be created.
     """

@@ -82,6 +82,6 @@ class Renderers:
 
 
 def not_reloaded(error: Exception) -> str:
-    """Return a line that says why the old maps and shaders stay."""
+    """Return a line with the reason why the old maps and shaders stay."""
     known = isinstance(error, InputError | OSError | RuntimeError)
     return f"not reloaded: {' '.join((str(error) if known else repr(error)).split())}"

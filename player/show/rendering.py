@@ -1,4 +1,4 @@
-"""Everything that a process must know to render a file or a part of a file."""
+"""Everything that a process needs to render a file, or a part of a file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +16,8 @@ from counterlight.pipeline.room import Room, read_room
 class Stretch:
     """Frames `begin` to `end` − 1 of a film, counted from 0 where rendering starts.
 
-    lead : first frame that is drawn, as after a cut. Frames before `begin` are drawn but not written.
+    lead : first frame that is drawn; it is drawn like a frame after a cut. Frames before `begin` are drawn but not
+        written.
     begin : first frame that is written.
     end : None for the end of the film.
     """

@@ -1,4 +1,4 @@
-"""The room that a session plays in: reloads it, answers questions about its calibration, and stores the placement."""
+"""The room that a session plays in: reloads it, gives figures of its calibration, and stores the placement."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -79,7 +79,7 @@ class RoomInUse:
 
     @property
     def expected(self) -> str | None:
-        """How far a picture arrives from its prediction; None if the calibration does not say."""
+        """How far a captured picture may be from its prediction; None if the calibration has no interval."""
         return self._seen.expected
 
     @property

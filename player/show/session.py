@@ -50,7 +50,7 @@ class Session:
     appraised : whether the distance from the optimum is estimated for every picture. Otherwise it is estimated on
         request, or if the user has set a limit (`within`).
     lasting : whether the show continues even if its media fail.
-    unattended : whether the show runs without an operator. Notices then appear over the picture only if `osd` asks for
+    unattended : whether the show runs without an operator. Notices then appear over the picture only if `osd` allows
         them.
     screenshots : folder of screenshots.
     clock : seconds, monotonic.
@@ -437,7 +437,7 @@ class Session:
     def notice(self, text: str) -> None:
         """Report an error that did not stop the show to the log, the statistics and the operator.
 
-        An audience in front of a projector sees no notice unless `osd` asks for it.
+        In front of an audience, no notice is shown unless `osd` allows this.
         """
         text = printable(text)
         tell(text)

@@ -32,9 +32,9 @@ class Show:
 
     bindings : key bindings of the settings file, see Keys.
     remotes : sources of commands.
-    heartbeat : reports signs of life; None for none.
+    heartbeat : reports heartbeats; None for no reports.
     checks : checks of the room; None for none.
-    watching : calibration from the running film; None for none. Ended with the show.
+    watching : calibration from the running film; None for none. It ends with the show.
     lamps : projectors that remotes may switch.
     polled : functions called once per loop, which must not wait.
     on_interrupt : takes the counts if Ctrl-C or SIGTERM ends the show.

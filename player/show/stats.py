@@ -30,7 +30,7 @@ class Stats:
     """Counts of shown and dropped frames, display times, and milliseconds per stage of the most recent frames.
 
     late : how long after its due time each frame was on the screen.
-    change : this delay for each medium's first CHANGE frames, whose due time counts from the end of the previous
+    change : the same delay for each medium's first CHANGE frames, whose due time counts from the end of the previous
         medium.
     stalled_s : how long the show's time stood still because the decoder was too slow.
     judder : difference between the interval of two frames on the screen and the interval of their due times.

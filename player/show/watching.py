@@ -1,4 +1,4 @@
-"""Keeps a room calibrated during the show: sends what is on the screen to the watcher, and applies what it finds.
+"""Keeps a room calibrated during the show: sends displayed frames to the watcher, and applies its corrections.
 
 The watcher (unattended/watcher.py) compares displayed frames with photographs of the room. The frame loop never waits
 for the watcher. After any fault, the last correction stays.
@@ -46,10 +46,10 @@ ABSENT = "no camera watches the room; start with --watch CAMERA"
 
 
 class Watching:
-    """The player's side of the watching. `poll` runs once per loop.
+    """The player's connection to the watcher. `poll` runs once per loop.
 
     start : the first message to each watcher.
-    dims : whether white follows the lamps, because the user has given no white.
+    dims : whether white follows the lamps, because the user has not given a white level.
     """
 
     def __init__(self, session: Session, watcher: Watcher, start: Start, *, dims: bool) -> None:
@@ -133,7 +133,7 @@ class Watching:
         self._watcher.begin(self._start)
 
     def _send_again(self) -> None:
-        """Send the situation, and all further frames, to a watcher that has just started."""
+        """Send the present state and all further frames to a watcher that has just started."""
         self._watcher.send(self._situation)
         if self._shown is not None:
             self._shown.lit = self._shown.pictured = False

@@ -1,8 +1,8 @@
 """Sends a show's position from machine to machine, and estimates the difference between their clocks.
 
 A follower asks, and the leader answers at once. Both use their own threads, so that drawing a frame delays no answer.
-An answer is as long as its question, and a question changes nothing. Everyone who can send a question learns the
-position of the show.
+An answer has as many bytes as its question, and a question has no other effect. Everyone who can send a question learns
+the position of the show.
 
 A question leaves at time a. Its answer arrives at time c, and holds the other clock's time b. If both directions take
 equally long, the other clock is ahead by b − (a + c) / 2. The error of this difference is at most (c − a) / 2 in any
@@ -144,7 +144,7 @@ class Beacon:
 
 
 class Listener:
-    """Asks a leader for its position, without end. Waits for a leader that has not started or has gone."""
+    """Asks a leader for its position, without end. Waits for a leader that has not started or has ended."""
 
     def __init__(self, address: tuple[str, int], clock: Callable[[], float] = time.monotonic) -> None:
         self._address, self._clock = address, clock

@@ -1,4 +1,4 @@
-"""Signs of life: one JSON line per interval to the supervisor, and systemd's notification protocol (sd_notify(3))."""
+"""Heartbeats: one JSON line per interval to the supervisor, and systemd's notification protocol (sd_notify(3))."""
 
 import json
 import os
@@ -155,7 +155,7 @@ class Heartbeat:
         return {}
 
     def _write(self, line: bytes) -> None:
-        """Append a line. Skip it if writing would wait (full pipe) or fails (full disk): the show must go on."""
+        """Append a line. Skip it if writing would wait (full pipe) or fails (full disk): the show must continue."""
         assert self._file is not None
         with suppress(OSError, InputError):
             if not select.select([], [self._file], [], 0)[1]:

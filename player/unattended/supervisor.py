@@ -340,7 +340,7 @@ class Supervisor:
         return True
 
     def _is_final(self, code: int) -> bool:
-        """Whether the show ends with this exit code. Otherwise the player has crashed, and a line says so."""
+        """Whether the show ends with this exit code. Otherwise the player has crashed, and a line reports this."""
         if self._again and self._signal is None:
             return False
         if code in (DONE, INTERRUPTED) or (code == BAD_INPUT and not self._began):

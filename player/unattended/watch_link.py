@@ -102,7 +102,7 @@ Message: TypeAlias = Start | Light | Picture | Situation
 
 @dataclass(frozen=True)
 class Projected:
-    """θ of one projector, relative to the calibration, as `counterlight.pipeline.drift.Moved` has it.
+    """θ of one projector, relative to the calibration, in the form of `counterlight.pipeline.drift.Moved`.
 
     to_raster : N, three rows of three numbers, in pixels of the raster.
     gain : three numbers.
@@ -119,7 +119,7 @@ class Answer:
     """State and findings of the watcher.
 
     state : one of STATES.
-    reason : why, in words.
+    reason : reason for the state, in words.
     projectors : θ to apply, one entry per projector; empty before the first estimate.
     ambient : rows of columns of three numbers, at most 12 × 16, in screen primaries: light added to the calibrated
         ambient light. The field covers the camera picture and is interpolated between the middles of its cells. The

@@ -70,7 +70,7 @@ class Watcher:
             self.send(message)
 
     def send(self, message: Message) -> None:
-        """Queue a message. It is dropped as a whole if the watcher has left too much unread."""
+        """Queue a message. The whole message is dropped if too many bytes are unread."""
         if self._child is not None:
             self._child.queue(packed(message))
 
@@ -193,7 +193,7 @@ class _Child:
         return self._process.poll() is not None
 
     def buried(self) -> bool:
-        """Whether the process is gone. Then close what it has left."""
+        """Whether the process has ended. If so, close its pipes and files."""
         gone = self.gone()
         if gone:
             self._errors.close()

@@ -1,14 +1,14 @@
 """Moves finished files from a stage into place, and completes moves that a kill interrupted.
 
 A stage holds `new`, and for a while `old` or `old_frames`. At any moment the old or the new version is complete under
-its name, or the stage holds what is needed to go on:
+its name, or the stage holds everything that is needed to continue:
 
 - A file is renamed over the old file, in one step.
 - A folder is swapped with the old folder in one step. If the system cannot swap, the old folder is first moved into the
   stage. If the folder is missing while the stage holds both, the new folder is moved into place.
 - The frames of a sequence cannot be swapped in one step. Old frames are moved into the stage, number 0 first, and new
   frames out of it, number 0 last. No reader sees old and new frames together, and a reader that begins at number 0 sees
-  all frames or none. The journal `out` names the frames to move away; renamed to `in`, it says that they were moved.
+  all frames or none. The journal `out` names the frames to move away; renamed to `in`, it states that they were moved.
 """
 
 import os
@@ -65,7 +65,7 @@ def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
 
 
 def is_interrupted(stage: Path, target: Path) -> bool:
-    """Whether a move was begun and not completed.
+    """Whether a move has begun but is not complete.
 
     A foreign folder may look like a stage. Therefore links are not followed, and a pipe is no journal.
     """

@@ -168,7 +168,7 @@ def _take(stage: Stage, flags: int = 0) -> int | None:
 
 
 def _is_strange(stage: Stage) -> bool:
-    """Whether the stage's name is taken by something else. The stage may also be in the middle of its removal."""
+    """Whether something other than a stage has the stage's name. A stage may also be in the middle of its removal."""
     folder = stage.folder
     if folder.is_symlink() or not folder.is_dir():
         return True

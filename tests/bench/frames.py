@@ -94,7 +94,7 @@ def refined() -> Iterator[str]:
 
 
 def frames() -> Iterator[str]:
-    """A real 720p clip through both backends; at the thesis' size also through the numpy reference."""
+    """A real 720p clip through both backends. At the thesis' size, the numpy reference is measured, too."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
         yield f"{context.info['GL_RENDERER']}; 720p H.264, 16 entries a pixel, milliseconds:"
@@ -258,7 +258,7 @@ def fps(milliseconds: float) -> str:
 
 
 def clock_of(context: moderngl.Context) -> Callable[[], float]:
-    """Returns the clock that other load changes least: processor time over all cores where OpenGL runs on the CPU."""
+    """Returns the clock that other load affects least: processor time over all cores if OpenGL runs on the CPU."""
     return time.process_time if drawn_in_software(context) else time.perf_counter
 
 

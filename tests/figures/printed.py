@@ -18,7 +18,7 @@ SOLVED = {  # row of docs/solvers.md -> the solver's name, and its index among r
     "`qr`, clusters of up to 200": ("qr", 1),
     "`svd`, clusters of up to 200": ("svd", 2),
 }
-MEASURES = {  # column there -> column of the command
+MEASURES = {  # column of the page -> column of the command
     "RMSE, % of white": "RMSE %",
     "PSNR, dB": "PSNR dB",
     "SSIM": "SSIM",

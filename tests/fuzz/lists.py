@@ -33,7 +33,7 @@ HARMLESS = Name("clip.mkv"), Name("nope.mkv"), Name("harmless.mp4", b"no video" 
 
 
 class Lists:
-    """Names in groups of TOGETHER: lines of a list that plays to its end, or one `loadfile` after another."""
+    """Plays TOGETHER names per show: as the lines of a list, or by one `loadfile` command after another."""
 
     name, count = "lists", 120
     purpose = "hostile names in lists and over the socket, under a system-call watch"

@@ -102,7 +102,7 @@ def test_followers_keep_in_step_over_good_and_bad_wires(
         assert leader.get("in-step") == {"role": "lead"}
         state = followers[1].get("in-step")
         assert state["role"] == "follow"
-        assert state["round_trip_ms"] >= 10  # twice the least delay of the wire
+        assert state["round_trip_ms"] >= 10  # twice the shortest delay of the network
         for between in wires:
             between.cut = True
         while followers[1].get("in-step")["in_touch"]:

@@ -155,7 +155,7 @@ def test_every_view_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str, clipping: bool, compensate: bool
 ) -> None:
     physical = physical_room(rng).room
-    room = replace(physical, white=1.1)  # more than many pixels can show
+    room = replace(physical, white=1.1)  # brighter than many pixels can show
     with both(gl_context, room, scene(rng)) as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.adjust(Adjustments(clipping=clipping, contrast=30))

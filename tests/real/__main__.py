@@ -90,7 +90,7 @@ def _print_forward(name: str, predicted: Pictures, test: DataSet, lit: BoolArray
 
 
 def _interval(fitted: Fitted, parts: list[Part], train: DataSet, test: DataSet) -> None:
-    """Print the share of captured values inside the interval, and its width, next to an interval of one width."""
+    """Print the share of captured values inside the interval, and its width; then both for one constant width."""
     lit, border = fitted.lit, fitted.border
     held = held_back(fitted, parts, train.pictures)
     predicted = fitted.predict(test.pictures)

@@ -44,7 +44,7 @@ class Frame:
 
 
 def since(change_s: float, **changes: Any) -> Callable[[Devices, float], Devices]:
-    """Returns a function of the devices before a change and of a time; it returns the devices at that time."""
+    """Returns a function (devices before the change, time) that gives the devices at that time."""
     return lambda before, time_s: replace(before, **changes) if time_s >= change_s else before
 
 
@@ -112,7 +112,7 @@ class WatchedRoom:
         return arrival, np.rint(stored / 257.0).astype(np.uint8)
 
     def rig_at(self, time_s: float) -> Rig:
-        """Returns the rig in its state at a time."""
+        """Returns the rig with the devices of a time; shifts are rounded, so that few rigs are made."""
         now = self._devices(time_s)
         right, down = (round(round(each / STEP_PX) * STEP_PX, 6) for each in now.shift)
         now = replace(now, shift=(right, down))

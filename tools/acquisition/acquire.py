@@ -158,7 +158,7 @@ def acquire(
 
 
 def _bends(camera: Camera, room: Reference, seen: Sequence[FloatArray]) -> list[Bend | None]:
-    """Returns the bend of each camera; `seen` begins with the captures of `shown_halves`."""
+    """Returns the bend of each camera (linearity.py); `seen` begins with the captures of `shown_halves`."""
     return bends_of(camera, room, mean_of(seen[:SHOTS]), mean_of(seen[SHOTS : 2 * SHOTS]))
 
 
@@ -281,7 +281,7 @@ def _with_processing(part: Part, wander: Wander, light: ProjectorLight) -> Proje
 def _with_better_black(part: Part, room: Reference, averaging: Averaging) -> Reference:
     """Capture more black, because its noise must stay below the noise of the averaged captures.
 
-    With 16 captures of black and 62 captures of each pattern, the noise of black passed for light from all blocks.
+    With 16 captures of black and 62 captures of each pattern, the noise of black looked like light from all blocks.
     """
     if BLACKS * averaging.wanted <= REPEATS:
         return room
@@ -306,7 +306,8 @@ def _run(scheme: Scheme, part: Part, wander: Wander) -> Measured:
             measured: Measured = ended.value
             return measured
         except InputError:
-            check_closure(level, captures, room)  # its message about a wrong capture says more than the scheme's error
+            # for a wrong capture, this check's message is more precise than the scheme's error
+            check_closure(level, captures, room)
             raise
         check_closure(level, captures, room)
         level = following

@@ -47,8 +47,8 @@ from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
 
-MOST_OF_BLACK = 1, 99  # percentiles, which ignore single hot pixels
-MOST_NOISE = 0.9  # largest share of the checks' squared error that counts as noise, which is known to a tenth
+MOST_OF_BLACK = 1, 99  # percentiles of black, between which single hot pixels do not count
+MOST_NOISE = 0.9  # largest share of the checks' squared error that may be noise; the noise is only known to a tenth
 MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried here; the build always tries it
 
 
@@ -203,7 +203,8 @@ def _judged(parts: Sequence[_Part], found: SharedRoom) -> tuple[Interval, Expect
         return None
     predicted, captured = np.concatenate(pairs, axis=1)
     of_screen = np.sqrt(tier.mixing.on_screen(np.eye(3)).T ** 2 @ spread**2)
-    interval = fit_interval(predicted, captured, room.mask, of_screen)  # each prediction has the gain of its capture
+    # a prediction is scaled by the gain of its capture
+    interval = fit_interval(predicted, captured, room.mask, of_screen)
     return interval, expected_quality(interval, predicted, captured, room.mask, tier.white, float(np.mean(noise)))
 
 

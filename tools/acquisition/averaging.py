@@ -1,6 +1,6 @@
 """Choose how often each picture is captured, from the error allowed in T and the time allowed for the acquisition.
 
-A camera's noise falls with the square root of the number of captures. The share of T that noise spoils is known before
+A camera's noise falls with the square root of the number of captures. The error of T by noise is known before
 the scheme begins. The noise comes from black and floodlight. The size of T comes from one picture of random pixels,
 half of them lit. The light s of a camera pixel in that picture differs from half its floodlight l by
 
@@ -22,10 +22,11 @@ from counterlight.tools.acquisition.pace import Pace
 from counterlight.tools.acquisition.plan import Expected, Level, Pattern, Reference
 
 SEED = 19900101
-AGREEMENT = 0.9  # κ: share of the variance that combining levels or codes leaves (0.3 to 1.3 measured)
+AGREEMENT = 0.9  # κ: share of the variance that remains after levels or codes are combined (0.3 to 1.3 measured)
 MOST_REPEATS, FINER = 128, 8
 SETTLED_S = 60.0  # seconds; the first level that ends later settles the length of the acquisition
-TOLERATED = 0.95, 1.25  # shares of the settled length between which the number of captures is adjusted
+# the length may be between these shares of the settled length when the number of captures is adjusted
+TOLERATED = 0.95, 1.25
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,12 @@ from scipy.fft import dctn
 from counterlight.arrays import FloatArray
 
 LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
-BLOCK, HIGH = 8, 10  # pixels; sum of the indices of a high frequency
-GONE, MORE_GONE = 1.0, 0.3  # code values (of 255) below which a frequency is gone; share gone on minus off the grid
-HALVED = 0.6  # squared deviation from the neighbours' mean, on the colour grid over off it; at least 0.66 for 4:4:4
+# BLOCK: pixels per side of a JPEG block; HIGH: sum of the two indices from which a frequency is high
+BLOCK, HIGH = 8, 10
+# a frequency below GONE code values (of 255) is gone; MORE_GONE: share gone on the block grid minus share off the grid
+GONE, MORE_GONE = 1.0, 0.3
+# squared deviation from the neighbours' mean, on the colour grid relative to off the grid; at least 0.66 for 4:4:4
+HALVED = 0.6
 OVERSHOOT = 0.04  # share of the range
 OVERSHOT, JPEG_OVERSHOT = 0.005, 0.16  # share of the pixels that edges cross; JPEG of quality 75 has up to 0.13
 EDGE = 0.2  # share of the range

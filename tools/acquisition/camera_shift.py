@@ -17,12 +17,12 @@ from counterlight.pipeline.drift import sampled
 from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.acquisition.registration import best_shift, cauchy_weights, correlated, robust_scale
 
-SURROUNDINGS = 4.0  # σ in camera pixels; smoother structure may come from light instead of paint
+SURROUNDINGS = 4.0  # σ in camera pixels of the blur; smoother structure may come from light instead of paint
 STEPS, STILL = 15, 1e-4
 LEAST_SCALE = 1e-9
 FARTHEST = 8  # whole-pixel shifts are searched up to 1/FARTHEST of a side
 FAINT = 1e-3  # share of the brightest light
-MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # relative change of the floodlit room, and of its brightness alone
+MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # allowed relative changes: of the floodlit room, and of its brightness
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from counterlight.tools.transport.transport import Transport
 CELL = 4  # projector pixels; side of the random cells
 PHOTOGRAPHS, SLOPE = 2, 2.0  # number, and the fall of their spectra: soft photographs
 TINT = 0.3  # share of a photograph's light that differs between the channels
-GREYS, COLOURS = (48, 208), (32, 224)  # code values; neither near black nor clipped
-CLEARLY_LIT = 10  # multiple of the noise; below it, the shares of the primaries are unknown
+GREYS, COLOURS = (48, 208), (32, 224)  # code values that are neither near black nor clipped
+CLEARLY_LIT = 10  # multiple of the noise; in darker pixels, the shares of the primaries are unknown
 SEED = 20060504
 
 Scalar = TypeVar("Scalar", bound=np.generic)

@@ -7,9 +7,10 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import Captures, Level, Reference
 
-CLEARLY_LIT = 10  # multiple of the noise of all captures together
-MOST_UNCLOSED = 0.02  # share of the clearly lit camera pixels whose sum may be off by more than the next line
-UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # error in floodlights: for blocks, and for codes (half of the room lit)
+CLEARLY_LIT = 10  # light of a clearly lit pixel, in multiples of the noise of all captures together
+MOST_UNCLOSED = 0.02  # largest share of the clearly lit camera pixels whose sum may be off by more than UNCLOSED
+# allowed error of a sum, relative to the floodlight: for blocks, and for codes (half of the room lit)
+UNCLOSED, UNCLOSED_CODE = 0.5, 0.35
 
 
 class SummedCaptures:

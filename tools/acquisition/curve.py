@@ -34,18 +34,21 @@ SAMPLES = 1000  # camera pixels per channel
 SPLINES, DEGREE = 24, 3
 CONTRAST = 0.1  # error of a code as a share of the contrast around it: JPEG, sharpening, noise reduction
 AROUND = 5  # camera pixels
-STEP = 0.3  # in code values; error of a code in flat surroundings, as 1/√12 of a step
+STEP = 0.3  # rounding error of a code in flat surroundings, in code values: 1/√12 of a step
 FINEST = 1 / 1000  # share of the range; steps of finer cameras do not limit the fit
-SMOOTH = 0.03  # standard deviation of the second differences of log slopes; 0.1 continues sRGB to the top 0.9 % wrong
+# standard deviation of the second differences of log slopes; with 0.1, the top 0.9 % of sRGB is continued wrongly
+SMOOTH = 0.03
 TOE = 0.05  # the fit starts with the best of these exponents of code + TOE
 EXPONENTS = 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.4, 3.0
 STEPS, ENOUGH = 20, 1e-5  # Gauss-Newton steps; relative gain of a step that ends the fit
 ROBUST = 3.0  # multiple of the median misfit; pixels beyond it count much less
-LEAST_CLEAR = 20  # multiple of a code's step that white must rise above black
+LEAST_CLEAR = 20  # least rise of white above black, in multiples of a code's step
 FEWEST = 100  # camera pixels that a fit needs
-STRAIGHT = 0.02  # share of white; curves closer to a straight line count as linear (1.4 % for a linear JPEG of 75)
-SURELY = 3.0  # multiple of the curve's error; curves closer to a straight line count as linear
-DARKEST, DARK = 0.005, 0.02  # share of the camera's pixels that see no light under black; largest g there over white's
+# share of white; a curve that is closer to a straight line counts as linear (a linear JPEG of quality 75: 1.4 %)
+STRAIGHT = 0.02
+SURELY = 3.0  # multiple of the curve's error; a curve that is closer to a straight line counts as linear
+# share of the camera's pixels that see no light under black; largest gain g in these pixels, relative to white's g
+DARKEST, DARK = 0.005, 0.02
 
 
 @dataclass(frozen=True)
@@ -274,7 +277,7 @@ class _Fit:
 
 @dataclass(frozen=True)
 class _State:
-    """The problem at some curve.
+    """The least squares problem, linearised at one curve.
 
     rises : (SPLINES − 1,). Rises of g's coefficients.
     spread : (samples, pictures). Standard deviation of the light.

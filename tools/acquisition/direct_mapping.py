@@ -67,7 +67,7 @@ def cell_owners(decoded: NDArray[np.bool_], fill_radius: int) -> NDArray[np.int6
     if not decoded.any():
         return np.full(decoded.shape, NOBODY)
     index = np.arange(decoded.size).reshape(decoded.shape)
-    margin = fill_radius + 1  # so that the edge neither cuts the dilation off nor counts as decoded
+    margin = fill_radius + 1  # a margin, so that the edge neither cuts the dilation off nor counts as decoded
     distance, nearest = ndimage.distance_transform_edt(~np.pad(decoded, margin), return_indices=True)
     closed = ndimage.distance_transform_edt(distance <= fill_radius) > fill_radius
     owner = np.where(closed, np.pad(index, margin)[tuple(nearest)], NOBODY)

@@ -21,15 +21,18 @@ REPEATS = 4  # captures of each picture
 MARGIN = 8  # pixels nearer to the raster's border than 1/MARGIN of its side count as outer pixels
 INNER = 0.999  # an inner camera pixel gets at least this share of its light from inside the margin
 OWN = 0.99  # least share of a camera pixel's light that must come from one projector
-CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # camera pixels: shift that counts as moved; uncertainty that is too large
+# in camera pixels: shift that counts as moved, and uncertainty above which the shift is unknown
+CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1
 EXPLAINED = 0.5  # share of the change that a camera shift of more than a pixel must explain
 SURE = 5.0  # standard deviations by which a change must exceed its uncertainty
-SAME = 0.002  # share of the light; a smaller change is ignored, even if a bare wall seems to have shifted
-OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # relative change of a pixel; share of the view that may change by more
-ROOM_LIGHT, SMOOTH = 0.001, 3.0  # share of the floodlight; σ of the smoothing in camera pixels
-SHARED = 0.02  # share of the light; less from beyond a raster is ignored
-GAIN = 0.2, 5.0  # gains that the same lamp can still have
-ROUNDS, FINEST = 8, 1e-6  # rounds of a weighted fit; its least scale as a share of the light
+SAME = 0.002  # share of the light; a smaller change is ignored, even if a bare wall seems to be shifted
+# relative change of a pixel, and largest share of the view that may change by more than this
+OTHERWISE, MOST_OTHERWISE = 0.1, 0.03
+# share of the floodlight that changed room light must reach; σ of the smoothing in camera pixels
+ROOM_LIGHT, SMOOTH = 0.001, 3.0
+SHARED = 0.02  # share of the light that comes from beyond a raster; a smaller share is ignored
+GAIN = 0.2, 5.0  # limits of a plausible gain of a lamp
+ROUNDS, FINEST = 8, 1e-6  # rounds of a weighted fit; least scale of the fit as a share of the light
 
 
 class Known:

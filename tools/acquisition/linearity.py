@@ -25,15 +25,16 @@ from counterlight.tools.acquisition.plan import Pattern, Reference
 
 SEED = 20250318
 SHOTS = 4  # captures of the picture, and of its complement
-CLEARLY_LIT = 20  # multiple of the noise of a dark capture
-BRIGHT = 0.5  # share of the clearly lit values that is skipped: noise and JPEG blocks bend the sums of dark values, too
+CLEARLY_LIT = 20  # light of a clearly lit value, in multiples of the noise of a dark capture
+# darkest share of the clearly lit values, which is skipped: noise and JPEG blocks also bend the sums of dark values
+BRIGHT = 0.5
 MOST_BENT = 0.08  # linear cameras measured up to 0.05, as JPEG of quality 50; a gamma of 1.2 gives 0.10
 SURELY = 4  # standard deviations by which a bend must exceed its limit
-SCATTERED = 2  # multiple of the scatter: a curve bends the sums by more than they scatter
-MODEL = 0.02  # relative error of sums that remains unexplained
+SCATTERED = 2  # a bend must exceed this multiple of the sums' scatter to count as a curve
+MODEL = 0.02  # relative error of the sums that the fit does not explain
 SUSPECT = 0.02  # bend from which on the curve is measured
 FEWEST = 30  # camera values that a fit needs
-LEAST_SPREAD = 1e-3  # variance of 1 − x²; below it, no pixel sees both pictures, or each pixel sees both alike
+LEAST_SPREAD = 1e-3  # least variance of 1 − x²; with less, no pixel sees both pictures, or each pixel sees both alike
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,8 @@ def bend_of_shares(captured: FloatArray, shares: FloatArray, white: FloatArray, 
     lit &= white >= np.quantile(white[lit], BRIGHT)
     share = shares[lit]
     bend = _fitted(2 * (captured[lit] / white[lit] - share), 2 * share - 1, np.ones_like(share))
-    return None if bend is None else replace(bend, scatter=0.0)  # a camera's curve also raises this scatter
+    # the curve of the camera also causes scatter, so the scatter is ignored
+    return None if bend is None else replace(bend, scatter=0.0)
 
 
 def _fitted(excess: FloatArray, x: FloatArray, weights: FloatArray) -> Bend | None:

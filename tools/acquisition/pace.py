@@ -9,7 +9,8 @@ from typing import TypeAlias
 
 Clock: TypeAlias = Callable[[], float]
 
-LEAST_S = 1 / 7  # seconds per exposure in plans; a faster camera takes as many exposures and finishes earlier
+# shortest time per exposure in plans, in seconds; a faster camera takes as many exposures and finishes earlier
+LEAST_S = 1 / 7
 CHECKS_S = 60.0  # seconds allowed for the checks before an acquisition
 COMPUTING_S = 20.0  # seconds of reading, solving, writing and reporting
 COMPUTING_S_A_PIXEL = 7.5e-4  # seconds per camera pixel, in addition; a whole room of 480x270 takes 2 minutes

@@ -20,15 +20,17 @@ from counterlight.tools.acquisition.plan import Codes, Reference, codes_of, mean
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has arrived and an automatic exposure has acted
 TRIALS = 3
-LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # share of the brightest rise; lit shares of the camera's pixels
+# share of the brightest rise; shares of lit camera pixels below which the grade is bad, or doubtful
+LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05
 MOST_SATURATED, LEAST_BRIGHT = 0.02, 0.25
-MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # shares of the projector's light
-OBEYED = 0.15  # tolerance: half the exposure time must give half the light
-FOLLOWED = 0.95  # if the curve is unknown: largest share of the code values that half the exposure time may give
-WATCHED, STEADY, CALM = 12, 0.02, 0.01  # frames; allowed relative drift and flicker
+MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # shares of the projector's light above which the grade is doubtful, or bad
+OBEYED = 0.15  # tolerance for the test that half the exposure time gives half the light
+FOLLOWED = 0.95  # largest share of the code values that half the exposure time may give if the curve is unknown
+WATCHED, STEADY, CALM = 12, 0.02, 0.01  # frames that are watched; allowed relative drift and flicker
 ADDITIVE = 0.03
-SEQUENCE = np.array([1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0], np.bool_)  # maximum length: all shifts differ
-FIRST_NUMBER = 1 << 40  # far above the numbers of stored captures, so that simulated noise differs from theirs
+# sequence of maximum length, so that all shifts of it differ
+SEQUENCE = np.array([1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0], np.bool_)
+FIRST_NUMBER = 1 << 40  # numbers far above the numbers of stored captures, so that simulated noise differs from theirs
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ def ambient(rig: _Rig) -> Finding:
     black, white = (float(rig.light(shots)[rig.lit].mean()) for shots in (rig.black, rig.white))
     share = black / max(white - black, np.finfo(float).tiny)
     says = f"with the projector black the room has {100 * share:.1f} % of its light"
-    known = rig.camera.exposures.known  # with a curve, codes overstate the share
+    known = rig.camera.exposures.known  # without a known curve, the share is measured in codes, which overstate it
     grade: Grade = "bad" if share > MOST_AMBIENT and known else "doubtful" if share > MUCH_AMBIENT else "good"
     return Finding("ambient", grade, says if grade == "good" else f"{says}: switch lamps off, close the curtains")
 

@@ -16,7 +16,7 @@ from counterlight.processing import LEVELS, LIMITS, Processing
 from counterlight.tools.acquisition.plan import REPEATS, Codes, LazyPatterns, Level, Reference
 from counterlight.tools.acquisition.ramps import Primaries, ProjectorLight
 
-BENT = 0.03  # usual second difference of B between samples
+BENT = 0.03  # usual second difference of B between neighbouring samples
 ALIKE = 0.1  # usual difference of B between codes of the own primary
 MODEL = 0.002  # least error assumed of a measured B
 STEPS = np.rint(np.linspace(0, 255, LEVELS)).astype(np.uint8)
@@ -25,7 +25,7 @@ SHOWN = np.flatnonzero(np.count_nonzero(SAMPLES, axis=1) > 1)
 
 
 def colour_level(projector: tuple[int, int]) -> Level:
-    """Returns the level of colours of two or three primaries."""
+    """Returns the level of pictures that show colours made of two or three primaries."""
 
     def paint(number: int) -> Codes:
         return np.full((*projector, 3), STEPS[SAMPLES[SHOWN[number]]], np.uint8)

@@ -28,7 +28,7 @@ COLOURS = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.uint8)  # gr
 FULL = CODES[-1]
 PRIMARIES = len(INNER) * len(COLOURS)  # index of the first capture of a primary, after the ramps
 WELL_LIT = 10  # multiple of the noise of a dark capture
-MOST_UNADDED = 0.03  # share of white that colours may miss, plus this multiple of the noise:
+MOST_UNADDED = 0.03  # colours may miss white by this share of white, plus SURELY times the noise:
 SURELY = 4
 SAMPLES = 65  # samples of a white segment
 UNSEEN = 1e-6  # share of the brightest primary's squared light
@@ -92,7 +92,7 @@ class ProjectorLight:
 
 
 def light_level(projector: tuple[int, int]) -> Level:
-    """Returns the level of ramps at the inner codes, with each primary repeated as often as the floodlight."""
+    """Returns the level of grey and primaries: all inner codes once, then full drive as often as the floodlight."""
     colours = np.concatenate([*(COLOURS * code for code in INNER), *[COLOURS[1:] * FULL] * REPEATS])
 
     def paint(number: int) -> Codes:
@@ -123,7 +123,8 @@ def measure_light(captures: Sequence[NDArray[np.floating]], room: Reference) -> 
         own[code] = [template.share(light) for template, light in zip(templates, lights, strict=True)]
         whole[code] = [white.share(light) for light in lights]
         added[code] = parts.shares(lights[0] - sum(lights[1:]))
-    chosen = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # an unseen primary is taken as grey
+    # an unseen primary uses the template of grey
+    chosen = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]
     fitted = fit_projector_response(CODES / 255.0, own[:, chosen], np.where(np.isin(CODES, INNER), 1, REPEATS))
     unadded, noise = whole[:, 0] - whole[:, 1:].sum(axis=1), 2 * white.noise  # noise of four captures
     return ProjectorLight(
@@ -171,7 +172,7 @@ class _Template:
     """The light of a colour at full drive, with which its light at other codes is compared.
 
     light : (camera pixels, 3). Light above black.
-    tells : whether any of it is well lit and not saturated.
+    tells : whether any camera pixel is well lit and not saturated.
     noise : standard deviation of the share measured in one capture of full drive.
     """
 

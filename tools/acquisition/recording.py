@@ -34,7 +34,7 @@ class Store(Protocol):
     @property
     def averaged(self) -> bool: ...
     def repeats(self, level: int, choose: Callable[[], int]) -> int:
-        """Returns a level's captures per picture; `choose` decides in the first run. Levels count as they arrive."""
+        """Returns a level's captures per picture; `choose` decides in the first run. Levels are numbered in order."""
 
     def has_curve(self, choose: Callable[[], bool]) -> bool:
         """Returns whether the captures include pictures of the camera's curve; `choose` decides in the first run."""

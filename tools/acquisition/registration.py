@@ -23,19 +23,19 @@ from counterlight.raster import Region
 from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise
 from counterlight.tools.transport.transport import Csr, Transport, luminance, luminance_matrix
 
-SMOOTH, OCTAVES = 1.5, 4  # σ of the picture's finest octave, projector pixels
+SMOOTH, OCTAVES = 1.5, 4  # σ of the finest of the picture's octaves, in projector pixels; number of octaves
 CONTRAST, DARKEST = 0.22, 0.02  # the picture's standard deviation and least light; its mean is 0.5
-LEAST_SCALE = 1e-3  # least scale of residuals, in σ
+LEAST_SCALE = 1e-3  # least scale of the residuals, in multiples of σ
 FARTHEST = 4  # whole-pixel shifts are searched up to 1/FARTHEST of a side
 MODEL = 0.01  # share of a camera pixel's floodlight; error assumed of T
 STAGES = 2, 6, 8  # unknowns: a shift, an affinity, a homography
-STEPS, STILL = 15, 1e-4  # steps per stage; a stage ends when no corner moves by more pixels
+STEPS, STILL = 15, 1e-4  # steps per stage; a stage ends when no corner moves by more than this number of pixels
 CAUCHY = 2.385  # σ: 95 % as good as least squares where noise is normal (Holland and Welsch 1977)
 MOST_UNSURE = 0.05  # projector pixels; a stage with a larger deviation of its corners is rejected
-WORTH = 4.0  # least improvement per further unknown, relative to what noise explains by chance
+WORTH = 4.0  # least improvement per further unknown, relative to the improvement that noise alone gives
 FEWEST = 50  # camera pixels, for eight unknowns and noise
-TELLS = 0.1  # share of the brightest prediction; brighter camera pixels give the gain
-LIT = 0.01  # share of the bright pixels' floodlight; brighter camera pixels are used
+TELLS = 0.1  # share of the brightest prediction; only brighter camera pixels determine the gain
+LIT = 0.01  # share of the bright pixels' floodlight; only brighter camera pixels are used
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from counterlight.tools.transport.transport import Transport
 
 STILL = 0.03  # projector pixels; smaller movements are ignored
 AGREED = 0.9  # a picture with a lower agreement was not found
-CHANGED = 0.01  # share of light; smaller differences are no change
+CHANGED = 0.01  # share of light; a smaller difference is not a change
 ROUNDS = 64  # rounds of alternating medians; each halves the remaining difference
 
 

@@ -35,7 +35,7 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
 FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # format 4 lacks halves; format 3 also lacks ramps, primaries, coloured check
-# keys of a session that do not identify its captures
+# keys of a session's description that do not identify its captures
 OWN = "id", "captures", "made", "finished", "repeats", "curve", "colours"
 FIX = "name another folder with --captures, or remove this one"
 

@@ -17,8 +17,10 @@ from counterlight.tools.joining.shared_screen import Placed
 from counterlight.tools.transport.interval import Expected
 
 EVEN, LIFTED = 0.002, 0.5  # shares of white: smallest uneven black (code 7 of sRGB); highest level of black
-SUSPECT = 3.0  # multiple of the camera's noise that the check's error may reach
-OFF_COLOUR = 2.0, 0.02  # limit of the coloured check's unexplained error: this multiple of the check's, plus a margin
+SUSPECT = 3.0  # largest error of the check, in multiples of the camera's noise
+# limit of the coloured check's unexplained error: this multiple of the first check's unexplained error, plus this
+# margin
+OFF_COLOUR = 2.0, 0.02
 COVERED = 0.98  # share of the projector's pixels; a room with less coverage causes a warning
 MOST_OTHER = 0.02  # share of white by which a given response may differ from the measured one
 
@@ -71,7 +73,8 @@ class LightOutside:
     """Light that the camera does not see.
 
     unseen : share of the projector's pixels whose light the camera does not see.
-    white : share of full drive that a white picture leaves in these pixels; None if there are none or it was not tried.
+    white : share of full drive that a white picture leaves in these pixels; None if there are
+        no such pixels, or if no white picture was tried.
     """
 
     unseen: float
@@ -206,7 +209,7 @@ class ProjectorReport:
 
     @property
     def off_colour(self) -> bool:
-        """Whether greys and colours are predicted clearly worse than black and white."""
+        """Whether the prediction is much worse than noise explains."""
         done, (times, more) = self.acquisition, OFF_COLOUR
         return done.coloured is not None and done.coloured.excess > times * done.check.excess + more
 
@@ -246,7 +249,7 @@ class AcquisitionReport:
     outside : light that a compensated picture leaves where the camera does not see it.
     black : captured black of several projectors, whose black levels add up where they overlap.
     colours : lines on projectors that show primaries of others.
-    placed : how each of several cameras was placed on the screen.
+    placed : lines on the place of each of several cameras on the screen.
     expected : quality on the wall; None without random pictures that were held back.
     """
 

@@ -1,6 +1,6 @@
 """The closed loop: show a compensated picture, photograph it, and compare with the prediction and the target.
 
-Rounds of feedback correct what T does not know. The prediction's error δ = captured − predicted changes little between
+Rounds of feedback correct errors of T. The prediction's error δ = captured − predicted changes little between
 similar pictures, so the next round solves T p + e + δ = desired. Adding the remaining error to the target would not
 work: a drive in 0..1 cannot give much of it, and the rest of the picture would suffer.
 """
@@ -27,9 +27,10 @@ from counterlight.tools.transport.interval import NOMINAL, Coverage, coverage, r
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
-Figures: TypeAlias = tuple[float, float, float]  # PSNR in dB: of prediction, of capture, of capture against prediction
+# PSNR in dB: prediction against target, capture against target, capture against prediction
+Figures: TypeAlias = tuple[float, float, float]
 OUT_OF_REACH = "need brighter colours than the projector can show"
-MUCH_WORSE = 3.0  # dB; a capture this far below its prediction gets a warning
+MUCH_WORSE = 3.0  # dB; a capture that is this far below its prediction causes a warning
 
 
 @dataclass(frozen=True)

@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Reference, mean_of, measure_noise
 
-LEAST = 0.005  # spread; lamps and exposures that are steady stay below it
+LEAST = 0.005  # least spread that counts; lamps and exposures that are steady stay below it
 REPORTED = 0.01  # spread from which on the report says so
-DIM = 2.0  # multiple of the room's light up to which the floodlight may light the border
-SURELY = 4  # deviations of a measured variance
+DIM = 2.0  # the floodlight may light the border with up to this multiple of the room's light
+SURELY = 4  # a measured variance counts if it exceeds the noise by this number of standard deviations
 FEWEST = 50  # camera pixels of a border
 WELL_LIT = 20  # multiple of the noise of a dark capture
-MOST_PIXELS, MOST_CAPTURES = 1 << 12, 1 << 11  # of the least squares of a level
-UNCLOSED = 0.002  # share of the floodlight that a level may miss, because its faintest light is not shown again
+MOST_PIXELS, MOST_CAPTURES = 1 << 12, 1 << 11  # largest numbers of pixels and captures in the least squares of a level
+# share of the floodlight by which a level's sum may be too dark, because its faintest light is not shown again
+UNCLOSED = 0.002
 SURE = 1e-4  # least deviation that remains in a steadied capture
 
 
@@ -60,7 +61,7 @@ class Wander:
         return bool(self.spread.max() > REPORTED)
 
     def steadied(self, captures: Captures | Sequence[NDArray[np.floating]]) -> LazyPatterns[FloatArray]:
-        """Returns captures of pictures of one colour, divided by the gains that their border tells."""
+        """Returns captures of pictures of one colour, divided by the gains that their border gives."""
         return LazyPatterns(len(captures), partial(self._steady, captures))
 
     def closed(self, captures: Captures, cover: int) -> Captures:
@@ -119,7 +120,7 @@ def steadied_by_border(
 ) -> tuple[Wander, Sequence[NDArray[np.floating]]]:
     """Returns the wander of a camera that captures each picture once, and the captures without their gains.
 
-    Only the border tells. Its light is g (a + b s), with s the share of white that the other camera pixels see. Least
+    The gain g comes from the border. Its light is g (a + b s), with s the share of white that other pixels see. Least
     squares over the captures fit a and b, so that the mean gain is 1.
     """
     border, steady = _border_of(room), Wander(np.zeros(3), np.zeros(room.light.shape[0], np.bool_), room)

@@ -22,16 +22,16 @@ from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
-LONG, MANY = 64, 1 << 24  # entries per camera pixel and in total; below either, T is played unchanged
+LONG, MANY = 64, 1 << 24  # entries per camera pixel, and in total; a T with fewer of either is played unchanged
 BAND = 1 << 22  # entries that are put into cells at a time
-BYTES_AN_ENTRY = 16  # memory of a second T, whose bands are kept until the last band is done
-LEAST_SAVED = 0.5  # share of T's entries that may remain; otherwise T stays unchanged
-LIMITS = 0.032 * np.sqrt(0.5) ** np.arange(16)  # limits to try: down to 1.8e-4
+BYTES_AN_ENTRY = 16  # bytes per entry of a second T, whose bands are kept until the last band is done
+LEAST_SAVED = 0.5  # largest share of T's entries that may remain; if more remain, T stays unchanged
+LIMITS = 0.032 * np.sqrt(0.5) ** np.arange(16)  # limits to try, from 0.032 down to 1.8e-4
 SIDE = 128  # camera pixels of the square: several times the widest blur, so that its border does not matter
 MOST_ENTRIES = 1 << 25  # entries of T in the square
 NAMES = ("photograph", "letters", "soft")
-STEPS = 64  # steps that are taken as the optimum
-DARKEST = 1e-6  # mean error, relative to white², that counts as zero: 60 dB below white
+STEPS = 64  # number of steps whose result counts as the optimum
+DARKEST = 1e-6  # mean error, relative to white², that counts as zero: it is 60 dB below white
 BRIGHT = 10  # percentile of the floodlit pixels that is taken as white, as in `reachable_white`
 
 

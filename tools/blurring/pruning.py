@@ -21,7 +21,7 @@ from counterlight.tools.transport.transport import BlurredLight
 
 LEVELS = 4  # number of sizes of cells; the largest have 16×16 pixels
 COARSEST = 1 << LEVELS
-LEAST_LIMIT = 1e-12  # positive, so that every lit entry has a cost
+LEAST_LIMIT = 1e-12  # least limit; it is positive, so that every lit entry has a cost
 MANY = 1 << 16  # entries from which all cores are used
 
 
@@ -47,7 +47,7 @@ class Pyramid:
         return int(self.starts[-1])
 
     def means(self, used: BoolArray) -> SparseRows:
-        """Return P, float32; rows of unused cells are empty. used : (cells,) bool."""
+        """Return P, float32; rows of unused cells are empty. used : (cells,) bool. Cells that some row uses."""
         indices = [np.zeros((0,), np.int32)]
         lengths = np.zeros(self.cells, np.int64)
         for level, (start, (height, width)) in enumerate(zip(self.starts, self.sizes, strict=False), 1):

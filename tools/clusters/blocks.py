@@ -53,7 +53,7 @@ class ClusterBlocks:
                     yield Batch(batch, self._camera.pixels(batch, m), self._projector.pixels(batch, n))
 
     def entries(self, T: Csr) -> Entries:
-        """Return T's entries in the chosen clusters. T : (camera pixels, projector pixels)."""
+        """Return the entries of T in the chosen clusters. T : (camera pixels, projector pixels)."""
         camera = np.repeat(np.arange(T.shape[0]), np.diff(T.indptr))
         labels = self._clusters.camera[camera]
         order = np.argsort(labels, kind="stable")

@@ -86,8 +86,8 @@ def decompose(
 ) -> Decomposition:
     """Cut the clusters of T (thesis Appendix A) and fit the energy (4.2.3).
 
-    near : T, (camera pixels, projector pixels), float32, ≥ 0. Only camera pixels that count may have entries; others
-        would hold clusters together and save unseen projector pixels.
+    near : T, (camera pixels, projector pixels), float32, ≥ 0. Only camera pixels that count may have entries. Entries
+        of other pixels would join clusters, and τ₂ would reconnect unseen projector pixels.
     camera_shape, projector_shape : (height, width).
 
     Raises InputError if T has another size, or entries that are negative or not finite.

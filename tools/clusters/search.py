@@ -20,8 +20,8 @@ from counterlight.tools.clusters.decomposition import (
     decomposed,
 )
 
-FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
-WIDER_RADII = 2  # tried beyond the first sufficient radius; they may allow a smaller τ₁
+FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # first radii to try; the thesis' figure 4.8 shows 3 to 15
+WIDER_RADII = 2  # number of radii that are tried beyond the first sufficient radius; they may allow a smaller τ₁
 TAU_1_STEPS = 64
 
 
@@ -52,8 +52,8 @@ def decompose_to(
     1: cut-off pixels get only their strongest connection back. If all clusters are small enough already, T is returned
     uncut (radius 0).
 
-    Reinserted connections make sizes not strictly monotone in τ₁ and radius. The search may therefore miss milder
-    parameters; the returned parameters are verified.
+    Because connections are reinserted, sizes are not strictly monotone in τ₁ and radius. The search may therefore miss
+    milder parameters; the returned parameters are verified.
 
     or_smallest : return the smallest clusters found, instead of an error, if no parameters suffice.
 
@@ -78,7 +78,8 @@ def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int
     found: list[_Cut] = []
     smallest, closest = graph.shape[1] + 1, None
     for radius, strongest in _neighbourhoods(graph, projector_shape):
-        if _blocks_of_one(graph, strongest) > max_cluster:  # a dense T has thousands: the cut cannot suffice
+        # a dense T has thousands of blocks of one pixel, so the cut cannot suffice
+        if _blocks_of_one(graph, strongest) > max_cluster:
             continue
         size = _largest(graph, cut(graph, strongest, 1.0, 1.0)[0])
         if size < smallest:
@@ -124,7 +125,7 @@ def _blocks_of_one(graph: Connections, strongest: IntArray) -> int:
 
 
 def _smallest_tau_1(graph: Connections, strongest: IntArray, max_cluster: int) -> float:
-    """Bisect for the smallest sufficient τ₁; 1 is known to suffice, 0 to fail."""
+    """Bisect for the smallest sufficient τ₁. τ₁ = 1 is known to suffice, and τ₁ = 0 is known to fail."""
     fails, suffices = 0, TAU_1_STEPS
     while suffices - fails > 1:
         step = (fails + suffices) // 2

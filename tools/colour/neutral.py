@@ -9,10 +9,11 @@ from counterlight.pipeline.content import BRIGHT_PERCENTILE
 
 DARK = 0.05  # share of the bright pixels; a channel darker than this is mostly noise
 NEAR = 0.3  # distance in tint within which pixels have most weight
-BALANCED_PERCENTILE, BALANCED = 5.0, 0.25  # tint of the most neutral pixels of a camera that is balanced on white
+# a percentile of the pixels' tint, and the largest value there if the camera is balanced on white
+BALANCED_PERCENTILE, BALANCED = 5.0, 0.25
 BRIGHTEST_PERCENTILE = 90.0
 MOST_ASKED = 1 << 19  # camera pixels; more would not improve the result
-SLOPE_NOISE = 0.03  # smaller differences of tint carry no information about the mixing
+SLOPE_NOISE = 0.03  # smallest difference of tint that carries information about the mixing
 
 
 def asked_pixels(mask: NDArray[np.bool_]) -> IntArray:

@@ -22,7 +22,8 @@ from counterlight.tools.colour.neutral import asked_pixels, neutral_mixing
 from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.transport import Transport
 
-WORTH = 0.003  # share of a primary's light in wrong channels; an error of 50 dB, which the best compensation reaches
+# share of a primary's light in wrong channels: an error of 50 dB, which is as good as the best compensation
+WORTH = 0.003
 WORST_MIXED = 20.0  # largest entry of A; camera pixels beyond it are treated as neutral
 AS_ASKED = "as asked"
 AGREEMENT = 2.0  # F·1 and T·1 differ by at most this factor; otherwise one of them is no measurement
@@ -108,7 +109,7 @@ def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto"
 
 
 def _neutral(calibration: Calibration) -> tuple[FloatArray, str]:
-    """Return M₀, and what the room lacks to find it, or ""."""
+    """Return M₀, and the name of the measurement that the room lacks to find it, or ""."""
     if calibration.primaries is None:
         return np.eye(3), "the calibration holds no floodlights of the primaries"
     neutral = neutral_mixing(calibration.primaries, calibration.mask)
@@ -159,7 +160,7 @@ def _mixing_of_pixels(
 def _scaled_floodlights(primaries: NDArray[np.float32], composition: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return F, (pixels, 3, 3), with rows scaled to T·1, and the pixels where both agree to AGREEMENT.
 
-    Every pattern measured the light of grey; F says how the primaries share it.
+    Every pattern measured the light of grey; F gives the share of each primary.
     """
     F = np.moveaxis(primaries.astype(np.float64), 0, -1)
     total = F.sum(axis=-1)

@@ -28,7 +28,7 @@ class Diagonal:
     """Place, factor and offset of each projector pixel.
 
     places : (height, width, 2). x and y in the target picture, 0 to 1 from its upper left corner.
-    seen : (height, width). False where no camera pixel sees a projector pixel; the place is then its neighbour's.
+    seen : (height, width). False where no camera pixel sees a projector pixel; the place is then that of a neighbour.
     alpha, beta : (height, width, 3), 0 to 1, linear light. 0 where a projector pixel is not seen.
     target : (height, width) of the target picture.
     black : (3,). Radiance that black is lifted to.

@@ -21,16 +21,17 @@ from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted, split
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import FarLight, Transport
 
-WORTH = 0.5  # largest share of T's numbers that may remain
+WORTH = 0.5  # largest share of T's numbers that may remain; if more remain, T stays unfactored
 GRIDS = ((48, 24), (108, 54), (192, 108), (432, 216), (768, 432))  # nodes of the camera and of the projector
 MOST_FAR = 0.5  # share of all light; near light must be the larger part, because S⁺ and the mask depend on it
-MOST_OF_A_ROW = 1 / 16  # share of its row's far light; a larger entry is near light
+MOST_OF_A_ROW = 1 / 16  # share of its row's far light; an entry above this share is near light
 LIMITS = np.array([1.0, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096])
-MARGINS = (2.0, 1.0, 0.5, 0.25, 0.12)  # estimates to accept, relative to the tolerance; most are too high
+# estimates of the loss to accept, relative to the tolerance; most estimates are too high
+MARGINS = (2.0, 1.0, 0.5, 0.25, 0.12)
 MOST_READ = 1 << 13  # pixels between a node and its neighbours: half of a texture's row (maps/row_map.py)
 MOST_NODES = 1500  # a dense matrix mixes them
 BYTES_A_ROW, BYTES_A_SUM = 600, 120  # per pixel of either side: five pictures' light and textures; a thread's five sums
-BYTES_AN_ENTRY = 20  # half of T's entries again with their model values, and two marks per entry
+BYTES_AN_ENTRY = 20  # bytes per entry: half of T's entries again with their model values, and two marks per entry
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def factor_numbers(far: FarLight) -> int:
 
 
 def _entries(transport: Transport) -> int:
-    """Returns the numbers that belong to a pixel, which factors reduce."""
+    """Returns how many numbers of T belong to a pixel; factors reduce only these."""
     far = transport.far
     known = 0 if far is None else far.gather.indices.size + far.scatter.indices.size
     return int(transport.near.indices.size + known)
@@ -162,7 +163,7 @@ class _Search:
             if not fitting:
                 break
             chosen = min(fitting, key=lambda each: (each.numbers, abs(np.log(each.limit / PEAK))))
-            # The fit takes all entries above the limit as near light. A limit below PEAK would sink every round.
+            # The fit treats all entries above the limit as near light. A limit below PEAK would fall in every round.
             model = fitted(self._rows, chosen.cells, max(chosen.limit, PEAK))
             made = split(self._rows, replace(model, limit=chosen.limit))
             if _far_share(made) > MOST_FAR:
@@ -174,7 +175,7 @@ class _Search:
         return T, replace(left, reason=reason)
 
     def _candidates(self) -> list[_Candidate]:
-        """Returns candidates of finer and finer grids, while these can be cheaper; the first gives the drives."""
+        """Returns candidates of ever finer grids, as long as one can be cheaper; the first gives the drives."""
         errors, found, cheapest = None, list[_Candidate](), self._most
         for cells in grids_over(self._rows.transport):
             model = fitted(self._rows, cells, PEAK)

@@ -24,7 +24,8 @@ from counterlight.tools.transport.transport import Csr, Dense, FarLight, Shape, 
 ROUNDS = 3
 RIDGE = 1e-6  # ε relative to the mean diagonal; nodes without far light stay 0
 PEAK = 64.0  # multiple of its row's mean above which an entry starts as near light
-CROWD, BLOCKS = 8.0, 108  # a block that sends this multiple of its share is near light, too; blocks of the raster
+# CROWD: a block that sends this multiple of its share is near light, too; BLOCKS: number of blocks of the raster
+CROWD, BLOCKS = 8.0, 108
 MOST_SCALED = 2.0  # largest factor by which a row of U may grow or shrink
 FAINTEST = 1e-6  # share of a row's light; below it is float32 rounding, not missed light
 
@@ -114,7 +115,7 @@ class Model:
 
     def far_light(self) -> FarLight:
         """Returns U M D."""
-        cells = max(self.M.shape[:2])  # one number for both sides: the cells added have no light
+        cells = max(self.M.shape[:2])  # M is square: if a side has fewer cells, cells without light are added
         mix = np.zeros((3, cells, cells))
         mix[:, : self.M.shape[0], : self.M.shape[1]] = self.M.transpose(2, 0, 1)
         return FarLight(self.projector.rows(self.G, cells).transposed, Dense(mix), self.camera.rows(self.F, cells))

@@ -14,7 +14,8 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.products import kept
 from counterlight.maps.row_map import SparseRows
 
-PARTS, WIDE = (16, 4), 1 << 18  # parts; fewer for more than WIDE projector pixels, because each part holds a picture
+# parts of a pass; fewer for more than WIDE projector pixels, because each part holds a picture
+PARTS, WIDE = (16, 4), 1 << 18
 
 
 @kept()

@@ -81,7 +81,7 @@ class Estimator:
         return self.method == "debevec"
 
     def coefficients(self, exposure_s: float) -> tuple[float, float, float]:
-        """Returns α, β and γ of a picture."""
+        """Returns the coefficients α, β and γ of a picture, which the module's equation defines."""
         return {
             "debevec": (1.0, -log(exposure_s), 1.0),
             "robertson": (exposure_s, 0.0, exposure_s**2),
@@ -113,7 +113,7 @@ class ExposureSums(Protocol):
         """Add a picture; `codes` is (height, width, channels), unsigned."""
 
     def estimate(self) -> NDArray[np.float32]:
-        """Returns (height, width, channels) and resets: the radiance, or −bound where there is none (0: only black)."""
+        """Returns the radiance, (height, width, channels), and resets; −bound where it is unknown (0: only black)."""
 
 
 class CpuSums:

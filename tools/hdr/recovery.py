@@ -21,7 +21,7 @@ LEAST_NODES = 32  # different codes required among pixels with two good exposure
 NAME_IT = "name the response instead (--response linear, srgb or FILE)"
 MAX_ROUNDS = 300
 SETTLED = 1e-4  # mean change of f⁻¹ per round, relative to the middle of the curve
-SMOOTHNESS = 20.0  # λ for 1000 values: 100 pixels in 10 pictures; on real JPEGs, 10 follows their noise
+SMOOTHNESS = 20.0  # λ for 1000 values (100 pixels in 10 pictures); with λ = 10, curves of real JPEGs follow their noise
 USUAL_VALUES = 1000
 
 
@@ -32,7 +32,7 @@ def recover_response(samples: FloatArray, times_s: FloatArray, method: str) -> R
     times_s : (pictures,). Seconds.
     method : one of METHODS.
 
-    Raises InputError if hardly any pixel is well exposed in two pictures.
+    Raises InputError if too few pixels are well exposed in two pictures.
     """
     columns = [_recover_channel(codes, times_s, method) for codes in np.moveaxis(samples, -1, 0)]
     return rising_response(*(np.stack(values, axis=-1) for values in zip(*columns, strict=True)))

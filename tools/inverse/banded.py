@@ -15,8 +15,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.transport.transport import Csr
 
-WIDEST_BAND = 1 / 4  # share of the matrix size; for a wider band, dense is faster
-WORTH_REORDERING = 0.8  # reorder if the band's width falls below this share
+WIDEST_BAND = 1 / 4  # share of the matrix size; a wider band is solved faster as a dense matrix
+WORTH_REORDERING = 0.8  # the matrix is reordered if the band's width falls below this share
 
 
 def columns_of_inverse(N: Csr, wanted: IntArray) -> FloatArray:

@@ -19,7 +19,7 @@ from counterlight.tools.transport.transport import Csr
 
 CHECK_EVERY = 10
 SIGMA_STEPS = 20
-EXHAUSTED = 1e-14  # share of the first α; with a smaller α, b and T span no further direction
+EXHAUSTED = 1e-14  # share of the first α; after a smaller α, b and T span no further direction
 
 
 class Products:

@@ -73,7 +73,7 @@ class BuiltRoom:
 
     @property
     def coarseness(self) -> str | None:
-        """A warning if the camera resolves fewer pixels than it sees of the projector; None otherwise."""
+        """A warning if the camera resolves fewer pixels than the projector pixels that it sees; None otherwise."""
         camera, projector = int(np.count_nonzero(self.calibration.mask)), int(self.transport.lit.any(axis=1).sum())
         if camera >= RESOLVED * projector:
             return None
@@ -84,7 +84,7 @@ class BuiltRoom:
 
     @property
     def conclusion(self) -> str:
-        """The chosen inverse, the reason, its size and its quality, for the last line of a build."""
+        """The chosen inverse with its reason, size and quality, for the last line of a build."""
         inverse, packed = self.inverse, self.maps
         mib = sum(m.nbytes for m in packed.named().values()) / 2**20
         reason = f" ({inverse.reason})" if inverse.reason else ""
@@ -292,7 +292,7 @@ def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
 def continued(inverse: Inverse, projector: tuple[int, int], regions: Sequence[Region]) -> Inverse:
     """Give each unseen pixel the row of its projector's nearest seen pixel (`--outside continue`).
 
-    Steps with ties then make the result smooth.
+    Refinement with ties to neighbours then makes the result smooth.
 
     projector : (height, width) of the raster.
     """

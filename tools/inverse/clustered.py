@@ -44,7 +44,7 @@ def prior_matrices(prior: Prior, labels: IntArray) -> tuple[Csr, ...]:
 
 
 class PriorBlocks:
-    """Blocks of P per channel for the chosen clusters; no tie crosses their borders."""
+    """Blocks of P per channel for the chosen clusters; P has no ties between clusters."""
 
     def __init__(self, priors: tuple[Csr, ...], clusters: Clusters, chosen: NDArray[np.bool_]) -> None:
         square = replace(clusters, camera=clusters.projector, camera_sizes=clusters.projector_sizes)
@@ -77,7 +77,7 @@ def damped_inverse(
     squared = damping[..., None, None] ** 2
     if prior is not None:
         return np.asarray(np.linalg.solve(transposed @ T + prior + squared * np.eye(columns), transposed))
-    if rows < columns:  # Tᵀ(TTᵀ + λ²I)⁻¹ is the same matrix with the smaller system to solve
+    if rows < columns:  # with fewer rows than columns, Tᵀ(TTᵀ + λ²I)⁻¹ is the same matrix from a smaller system
         return np.asarray(np.swapaxes(np.linalg.solve(T @ transposed + squared * np.eye(rows), T), -1, -2))
     return np.asarray(np.linalg.solve(transposed @ T + squared * np.eye(columns), transposed))
 

@@ -22,9 +22,10 @@ from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.transport.objective import FAINTEST
 from counterlight.tools.transport.transport import CHANNELS, Shape, Transport, luminance
 
-REACH = 3.0  # projector pixels around the strongest connection; light beyond came another way
-NEIGHBOURS = 3.0  # camera pixels; triangles with corners further apart cross surfaces
-ALIKE = 0.5  # a corner with a smaller share of the brightest corner's light looks past an edge
+# projector pixels around the strongest connection; light from further away took another way through the room
+REACH = 3.0
+NEIGHBOURS = 3.0  # camera pixels; a triangle with corners further apart spans different surfaces
+ALIKE = 0.5  # a corner with a smaller share of the brightest corner's light lies beyond an edge
 
 
 def direct_mapping(dual: Transport, composition: FloatArray, heard: FloatArray) -> SparseRows:

@@ -18,14 +18,14 @@ from counterlight.tools.inverse.rows import Piece
 from counterlight.tools.inverse.windows import BLOCKS, HALOS
 from counterlight.tools.transport.transport import Csr
 
-# per entry of a block inverted whole: three channels, their inverses, the arrays that truncation sorts
+# bytes per entry of a block inverted whole: three channels, their inverses, the arrays that truncation sorts
 WORK_BYTES = 24 * 8
-ENTRY_BYTES = 70  # per entry of T⁺: pieces, joined rows, the packed texture (58 measured, without far light)
-NORMAL_BYTES = 3 * 40  # per entry of TᵀT: three channels, while they are added up
-ROOM_BYTES, PIXEL_BYTES = 250, 400  # while a room's maps are made: per entry of T, and per pixel of both sides
+ENTRY_BYTES = 70  # bytes per entry of T⁺: pieces, joined rows, the packed texture (58 measured, without far light)
+NORMAL_BYTES = 3 * 40  # bytes per entry of TᵀT: its three channels while they are added up
+ROOM_BYTES, PIXEL_BYTES = 250, 400  # bytes while a room's maps are made: per entry of T, and per pixel of both sides
 BLURRED_BYTES = 120  # per entry of B, which has neither T⁺ nor words
-IN_ONE_BYTES = 150  # per entry of a T that is made dense and cut: its rows, its graph and the graph's order
-FORETELLING_SHARE = 0.02  # share of the rows that predicts the entries of all rows to within 15 %
+IN_ONE_BYTES = 150  # bytes per entry of a T that is made dense and cut: its rows, its graph and the graph's order
+FORETELLING_SHARE = 0.02  # share of the rows that is computed to predict the entries of all rows, to within 15 %
 SAMPLE_COLUMNS = 64
 
 
@@ -72,7 +72,7 @@ def check_room(near: int, blurred: int, pixels: int) -> None:
 
 
 def check_in_one(camera_pixels: int, projector_pixels: int) -> None:
-    """Check memory before near and far light are written out in one (almost) dense T."""
+    """Check memory before near and far light become one (almost) dense T."""
     what = f"near and far light in one T, of {camera_pixels}x{projector_pixels} entries,"
     remedy = "give --tau, or use a smaller camera or projector"
     check(IN_ONE_BYTES * float(camera_pixels) * projector_pixels, what, remedy)
@@ -87,7 +87,7 @@ def normal_entries(T: Csr) -> float:
 
 
 def checked_as_they_come(pieces: Iterable[Piece], whole: int, windowed: int, entry_bytes: float) -> Iterator[Piece]:
-    """Pass pieces on. At 2 % of the rows, 4 %, 8 % and so on, predict the total entries, and refuse what cannot fit.
+    """Pass on pieces of T⁺; at 2 %, 4 %, 8 % … of the rows, predict the total entries, and refuse what cannot fit.
 
     Whole clusters and windows are predicted separately. In large rooms with many clusters of one or two pixels, most
     rows have few entries, and most entries belong to windows.

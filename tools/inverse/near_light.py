@@ -32,9 +32,9 @@ from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import CHANNELS, Csr, Shape, Transport, channels, in_one, luminance_matrix
 
-# projector pixels of a cluster of a cut (thesis 4.2.2); smaller clusters are no better than direct mapping
+# largest cluster of a cut, in projector pixels (thesis 4.2.2); smaller clusters are no better than direct mapping
 MAX_CLUSTER = 1000
-THESIS_CLUSTER = 200  # for `thesis`: the size that its plain inverses tolerate (docs/hard_cases.md)
+THESIS_CLUSTER = 200  # size of clusters for `thesis`, which its plain inverses tolerate (docs/hard_cases.md)
 USUAL_TAU = 1e-3  # for `thesis` in rooms with far light, whose T is dense without a threshold
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 

@@ -70,11 +70,11 @@ class Squares:
     inner: BoolArray
 
     def compact(self, T: Csr, columns: IntArray) -> Csr:
-        """Return T of these camera pixels and the given projector pixels."""
+        """Return T of the squares' camera pixels and the given projector pixels."""
         return Csr(T[self.rows][:, columns])
 
     def columns(self, T: Csr) -> IntArray:
-        """Return the projector pixels that light them, ascending."""
+        """Return the projector pixels that light the squares, ascending."""
         return np.unique(T[self.rows].indices).astype(np.int64)
 
 

@@ -1,4 +1,4 @@
-"""The best way to play a room: from T⁺ if there is one, with as many steps as needed (docs/refinement.md).
+"""The best way to play a room: a start of refinement, and the fewest steps that suffice (docs/refinement.md).
 
 The build measures the error that the player's own steps leave, on a few squares of the camera picture (pictures.py) and
 the typical pictures. It ignores far light, and ties between projector rows: both hardly change the gain of a step.
@@ -21,8 +21,8 @@ from counterlight.tools.transport.transport import Transport
 
 MEASURED = (0, 2, 4, 8, 16)
 OFFERED = (4, 8, MOST_OFFERED)  # numbers of steps offered in a window
-MANY_STEPS = 64  # stands for the optimum
-FAINTEST_ERROR = 1e-5  # share of white²; smaller errors do not show: 50 dB
+MANY_STEPS = 64  # number of steps whose result counts as the optimum
+FAINTEST_ERROR = 1e-5  # share of white²; a smaller error is not visible: it is 50 dB below white
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Recommendation:
     start : one of the player's STARTS.
     steps : steps per frame.
     below_optimum : by start, dB below the unweighted optimum after MEASURED steps.
-    priors : part of this, in dB, that weights and priors cost, after MANY_STEPS.
+    priors : part of `below_optimum`, in dB, that weights and priors cost, after MANY_STEPS.
 
     For the T⁺ of chapter 5, nothing is measured: it includes far light, which is ignored here.
     """
@@ -48,7 +48,7 @@ class Recommendation:
 
     @property
     def clean_steps(self) -> int:
-        """The fewest steps for a clean picture; play reduces steps to this number on a slow machine."""
+        """The fewest steps for a clean picture. On a slow machine, the player reduces its steps to this number."""
         if self.start not in self.below_optimum:
             return self.steps
         return min(Curve(MEASURED, self.below_optimum[self.start]).clean_steps, self.steps)

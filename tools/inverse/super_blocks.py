@@ -30,7 +30,7 @@ SHARED, REACH = "windows.npz", "reach.npy"
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """Inverts windows with other workers. folder : an empty folder that all workers can read."""
+    """Inverts windows with other workers. folder : an empty folder for the slices, which all workers can read."""
 
     workers: Workers
     folder: Path
@@ -38,7 +38,7 @@ class Elsewhere:
     def pieces(
         self, channels: Sequence[WindowedChannel], windows: Windows, truncation: Truncation, tolerance: float
     ) -> Iterator[Piece]:
-        """Invert all windows, as `windowed_jobs` does."""
+        """Invert all windows on the workers; takes and gives the same as `windowed_jobs`."""
         np.save(self.folder / REACH, truncation.reach)
         regions = np.array([tuple(region) for region in windows.regions], np.int64).reshape(-1, 4)
         np.savez(self.folder / SHARED, member=windows.member, sizes=[windows.halo, windows.block], regions=regions)

@@ -29,7 +29,7 @@ BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
 HALOS = (4, 6, 8, 10, 12, 14, 17, 20, 24)
 SAMPLE_WINDOWS = 5
-# the decay accelerates: residuals end up to this factor below the extrapolation from their first two halos
+# the decay accelerates: residuals end up to this factor below the extrapolation from the first two halos
 QUICKENING = 30.0
 FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
 
@@ -54,7 +54,7 @@ class WindowedChannel:
     T : (camera pixels, projector pixels).
     damping : λ > 0.
     prior : P, (projector pixels, projector pixels).
-    camera_pixels : number that see the projector, if T lacks some of their rows.
+    camera_pixels : number of camera pixels that see the projector, if T lacks some of their rows.
     """
 
     def __init__(self, T: Csr, damping: float, prior: Csr | None = None, camera_pixels: int | None = None) -> None:
@@ -170,7 +170,7 @@ def _holds(region: Region, y: IntArray | int, x: IntArray | int) -> NDArray[np.b
 class Sampled:
     """Results of a few windows of one channel.
 
-    windows : with the smallest halo that suits most of the sample; each block may enlarge its own.
+    windows : division with the smallest halo that suits most of the sample; a block may enlarge its halo.
     seconds : core seconds of all blocks, three channels.
     entries : entries of T⁺: pixels of the clusters times the mean row length of the sample.
     failing : share of the sample that no halo brings within the tolerance.
@@ -289,7 +289,7 @@ def windowed_jobs(
     tolerance: float,
     corners: Sequence[tuple[int, int]] | None = None,
 ) -> Iterator[Callable[[], Piece]]:
-    """Yield jobs that invert one block of projector pixels each. corners : of the blocks; None for all."""
+    """Yield jobs that invert one block of projector pixels each. corners : of the blocks; None for all blocks."""
     for corner in windows.blocks() if corners is None else corners:
         yield partial(_invert, channels, windows, corner, truncation, tolerance)
 

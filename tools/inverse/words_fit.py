@@ -17,7 +17,7 @@ from counterlight.maps.products import LARGE, compiled, kept
 from counterlight.maps.row_map import SparseRows
 from counterlight.maps.small_map import FRACTION_BITS, FULL, HIGHEST, LARGEST_CODE, MOST_SHIFT
 
-LEVEL = 8  # a channel's largest code may be this many times another channel's
+LEVEL = 8  # a channel's largest code may be at most this many times another channel's largest code
 
 IntArray = NDArray[np.int64]
 

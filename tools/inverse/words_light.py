@@ -24,10 +24,11 @@ from counterlight.maps.word_map import MOST_WORDS, RoomWords, WordMap
 from counterlight.tools.inverse.words_fit import Fit, fit, scale_of
 
 CODES = 255
-MOST_CODES = 0.5  # code values of 8 bits in the camera picture; less if the map was built with a smaller --max-error
-DARKEST = 1 / 32  # share of white; darker pixels may change as much as a pixel of this brightness
+# largest change of the camera picture in 8-bit code values; less if the map was built with a smaller --max-error
+MOST_CODES = 0.5
+DARKEST = 1 / 32  # share of white; in darker pixels, the same change is allowed as in a pixel of this brightness
 NEAR = 0.5
-USED = 0.8  # share of the allowed change; words then stay valid while a lamp dims by a fifth
+USED = 0.8  # share of the allowed change that is used; words then stay valid while a lamp dims by a fifth
 LEAST = 1e-30
 ENTRY_BYTES = 200  # per entry of T during work
 
@@ -207,7 +208,7 @@ def without_nothing(small: SmallMap) -> SmallMap:
 def _below(
     parts: Sequence[SmallMap], output: tuple[int, int], source: tuple[int, int], trust: NDArray[np.int16]
 ) -> SmallMap:
-    """Stack the rows of several parts. trust : of all rows."""
+    """Stack the rows of several parts. trust : trust in all rows."""
     lengths = np.concatenate([np.diff(part.indptr) for part in parts])
     indices, codes, colours = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("indices", "codes", "colours")
@@ -217,7 +218,7 @@ def _below(
 
 
 def words_of(maps: RoomMaps, max_error: float) -> RoomWords | None:
-    """Return words for T and Tᵀ, or None if they miss their bound, are too large, or do not support the light.
+    """Return words for T and Tᵀ; None if they miss their bound, are too large, or cannot hold this kind of light.
 
     A texture and the available memory limit the size. Blurred light has no words.
 

@@ -29,7 +29,8 @@ from counterlight.tools.joining.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Dense, FarLight, Transport
 
-MOST_APART = 0.02  # share of white; allowed difference between two cameras' measurements of one projector's response
+# largest difference between two cameras' measurements of one projector's response, as a share of white
+MOST_APART = 0.02
 
 
 @dataclass(frozen=True)

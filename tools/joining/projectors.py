@@ -44,7 +44,7 @@ def join_rooms(
     force: bool = False,
     tolerance: float = TOLERANCE,
 ) -> str:
-    """Write one calibration from several of the same camera; returns a summary, and a line per dense T.
+    """Write one calibration from several calibrations of the same camera; returns a summary, and a line per dense T.
 
     monitors : one name per projector, in the order of the folders; empty to keep the folders' names.
     tolerance : dB that pictures may lose if a dense T is factored; 0 keeps T.
@@ -164,7 +164,8 @@ def _join_chains(
 
     places : each projector's pixel indices in the raster.
     """
-    found: list[tuple[Chain[SparseRows, M], list[SparseRows], list[NDArray[np.int32]]]] = []  # distinct cells, and D
+    # cells that differ, and every projector's D for them
+    found: list[tuple[Chain[SparseRows, M], list[SparseRows], list[NDArray[np.int32]]]] = []
     for chain, at in zip(chains, places, strict=True):
         if chain is not None:
             same = next((each for each in found if _same_cells(chain, each[0])), (chain, [], []))

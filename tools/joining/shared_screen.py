@@ -24,8 +24,8 @@ from counterlight.tools.transport.transport import Csr, Transport, luminance_mat
 PIXEL_BYTES = 150  # memory per pixel of both rasters; 125 measured with ten projectors of 1920x1080
 FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
 NOISY = 1.5  # in multiples of the camera pixels that one projector pixel covers
-FARTHEST = 2.0  # in screens; the place of a pixel further out affects no picture
-REACH = 3.0  # times a footprint's usual radius; light further from its centre took another way through the room
+FARTHEST = 2.0  # largest distance from the screen, in screens; a pixel further out affects no picture
+REACH = 3.0  # times a footprint's usual radius; light further from the centre took another way through the room
 BRIGHT_PERCENTILE, FAINTEST = 95.0, 0.02  # below this share of the 95th percentile, light is too faint to locate
 WHOLE = 0.98  # share of a footprint that must be known, so that its centre is right
 MAD = 1.4826  # ratio of standard deviation to median absolute deviation of a normal distribution
@@ -104,7 +104,7 @@ class _View:
     shape : (height, width).
     counts : (pixels,). Its mask.
     light : T·1, (pixels, 3).
-    whole : (pixels,). Whether the picture's edge leaves footprints uncut.
+    whole : (pixels,). Whether the footprint lies entirely within the picture.
     """
 
     T: Csr
@@ -141,7 +141,7 @@ class _View:
 
 
 class _Placing:
-    """The knowledge of the projectors' pixels so far: their places on the screen, and the brightness there."""
+    """What is known so far of the projectors' pixels: their places on the screen, and the brightness there."""
 
     def __init__(
         self,
@@ -203,7 +203,7 @@ class _Placing:
         return np.exp(middle), float(MAD * np.median(np.abs(ratios - middle)))
 
     def _keep_placed(self, number: int, positions: FloatArray, placed: Placed) -> None:
-        """Store a camera's placement, and pass its knowledge to projector pixels that had none."""
+        """Store a camera's placement, and pass its places and brightness to projector pixels that had none."""
         view = self._views[number]
         self._positions[number] = positions
         self._placed.append(placed)
@@ -301,7 +301,7 @@ def carried(T: Csr, width: int, values: FloatArray, known: BoolArray) -> Carried
 
 
 def _main_footprint(rows: IntArray, place: IntArray, light: FloatArray, count: int) -> BoolArray:
-    """Return the entries around the centre of their row's brightest spot, (entries,) bool."""
+    """Return which entries are near the brightest spot of their row, (entries,) bool."""
     most = np.zeros(count)
     np.maximum.at(most, rows, light)
     brightest = np.flatnonzero((light == most[rows]) & (light > 0))

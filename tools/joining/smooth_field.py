@@ -14,11 +14,11 @@ from scipy import ndimage
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 
 REWEIGHTED = 10  # iterations until outliers no longer affect the trend
-# a value counts little beyond USUAL times the median distance, and beyond LEAST in units of the values
+# a value counts little if it is further from the trend than USUAL times the median distance and than LEAST
 USUAL, LEAST = 4.0, 0.05
-CONTRADICTED = 0.5  # the same limit for the distance from the median of a value's neighbours
+CONTRADICTED = 0.5  # the same limit for the distance of a value from the median of its neighbours
 BESIDE = np.mgrid[-2:3, -2:3].reshape(2, -1).T  # offsets of the neighbours
-ALONE = 8  # values in a neighbourhood, including the middle value, which is ignored if there are fewer
+ALONE = 8  # fewest values in a neighbourhood, including the middle value, which is ignored if there are fewer
 AT_ONCE = 1 << 15  # pixels whose neighbours are processed at a time
 WORTH = 0.5  # the projective trend must leave less than this share of the affine trend's distances
 STEEPEST = 2.0  # largest ratio of scales over the picture

@@ -17,12 +17,12 @@ ROUNDS = 2  # rounds that fit response and places in turn
 PATCH = (5, 5)  # camera pixels
 FLAT, FLATTEST = 0.03, 0.2  # deviation of code values around places where the response is fitted; share of places
 SAMPLES, LEAST_SAMPLES = 200_000, 1000
-LIT_SHARE = 0.9  # quantile of camera pixels that the projector lights even in a wide view
+LIT_SHARE = 0.9  # quantile of the light, above which the projector lights a camera pixel even in a wide view
 MOST_SATURATED, LEAST_VARIED = 0.25, 0.02  # share of lit values; deviation of code values over the pairs
 LIT = 0.5  # correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
-DARK = 1e-6  # a smaller sum of squared radiance tells nothing about a gain
+DARK = 1e-6  # a smaller sum of squared radiance is too dark to estimate a gain
 LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # share of the camera's range; camera pixels that determine a gain
 FOLDS = 4  # parts of the pairs that are predicted by a fit of the other parts
 MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
@@ -36,7 +36,7 @@ class Border:
 
     pixels : (height, width) bool.
     usual : (3,). Mean g of the pairs.
-    share : part of g that is the gain of the whole capture; 0 if these pixels tell nothing.
+    share : part of g that is the gain of the whole capture; 0 if these pixels give no evidence.
     """
 
     pixels: BoolArray
@@ -149,7 +149,7 @@ def fit_pairs(pictures: NDArray[np.uint8], captures: Pictures, *, additive: bool
 
 @dataclass(frozen=True)
 class Part:
-    """Some pairs, and the model that is fitted to the other pairs."""
+    """Some pairs, and the model fitted to all other pairs."""
 
     pairs: NDArray[np.intp]
     model: Model

@@ -2,7 +2,7 @@
 
 Local features of one photograph and its picture give a homography. Seen through the homography, the photographs and
 the pictures are standardised pixel by pixel, which removes the surface, and assigned for the largest sum of
-correlations. The mean photograph divides each photograph before features are looked for, for the same reason.
+correlations. For the same reason, each photograph is divided by the mean photograph before features are looked for.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,7 +31,7 @@ def matched(
     Each picture and capture is read once, and only a small copy is kept.
 
     pictures, captures : code values or gamma-encoded light, 0 to 1, (height, width, 3) each.
-    numbered : whether a capture shows the picture with its number if others are about as much alike.
+    numbered : whether a capture is matched to the picture with its number when other pictures fit about as well.
     """
     small = [_small(each) for each in captures]
     shown, best, size = [], Geometry(LEAST_INLIERS - 1), None

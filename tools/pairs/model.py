@@ -5,7 +5,7 @@ c_k(y) = g_k (e_k(y) + s_k(y) Σ_d h_kd(y) v_k(y + d) + Σ_l m_kl(y) v_l(y) + Σ
 v is the picture's light, φ(code), at the places that the camera sees. h is the spread over a window, m mixes the other
 primaries in, and the blurs G_j are the halo. Every coefficient is fitted three times by regularised least squares: per
 large cell of the camera picture, per small cell, and per pixel, each level to what the previous level left over.
-With few pairs the data say little about single pixels, so they keep the values of their cells.
+With few pairs, there is little evidence about single pixels, so they keep the values of their cells.
 """
 
 from collections.abc import Iterator, Sequence
@@ -135,7 +135,7 @@ def between_cells(grid: NDArray[np.floating], cell: int, shape: tuple[int, int])
 
 
 def prior(level: int, linear: bool = False) -> NDArray[np.floating]:
-    """Return the standard deviation of each feature's coefficient; 0 for those that a level leaves alone."""
+    """Return the standard deviation of each feature's coefficient; 0 for features that a level does not change."""
     distance = np.array([(dy - REACH) ** 2 + (dx - REACH) ** 2 for dy, dx in WINDOW])
     taps = np.where(distance <= NEAR[level], TAPS[level] * np.exp(-distance / 2.0) + FLOOR[level], 0)
     own = [OFFSET[level], SCALE[level], *([0, 0, 0] if linear else [BENT[level], MIXED[level], MIXED[level]])]

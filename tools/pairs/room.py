@@ -232,7 +232,7 @@ def decibels(predicted: Pictures, captures: Pictures, lit: BoolArray) -> float:
 def _held_back_by_room(
     fitted: Fitted, room: Calibration, transport: Transport, codes: NDArray[np.uint8], captures: Pictures
 ) -> Pictures:
-    """Predict captures by models of other captures, plus the difference of T p + e from the model of all captures."""
+    """Predict each capture by a model fitted to others, plus the difference of T p + e from the model fitted to all."""
     predicted = held_back(fitted, parts_of(fitted, codes, captures, additive=True), codes)
     for number, (picture, model) in enumerate(zip(codes, fitted.predict(codes), strict=True)):
         light = transport @ room.response.to_linear(picture).reshape(-1, 3)
@@ -293,7 +293,7 @@ def transport_of(fitted: Fitted, projector: tuple[int, int]) -> Transport:
 
 
 def _interpolation(places: NDArray[np.floating], projector: tuple[int, int], factor: int) -> Csr:
-    """Return the matrix that looks a projector picture up at places of its reduced version, darkness outside."""
+    """Return the matrix that samples a projector picture at places given in its reduced version; dark outside."""
     height, width = (-(-side // factor) for side in projector)
     x, y = (places[..., axis].ravel().astype(np.float64) for axis in range(2))
     rows, columns, weights = [], [], []

@@ -1,6 +1,6 @@
 """Recover pictures from captures: the surrogate task of the projector compensation literature.
 
-The light that each pixel's affine map implies is a first estimate. Each stage predicts the captures of the estimates,
+The first estimate is the light that each pixel's affine map gives. Each stage predicts the captures of the estimates,
 corrects each pixel by the difference, and lets a small network judge the corrections. Trained on the pairs, the network
 learns the noise and the look of natural pictures.
 """
@@ -32,7 +32,7 @@ class Surrogate:
 
     raster : (height, width) of the pictures that the fit's places refer to.
     back : (height, width, 2) float32. The camera pixel that each pixel of the picture lights.
-    networks : network of each stage.
+    networks : one network per stage.
     """
 
     fitted: Fitted
@@ -101,7 +101,7 @@ def reduced_codes(pictures: NDArray[np.uint8]) -> Pictures:
 def fit_surrogate(
     fitted: Fitted, parts: Sequence[Part], pictures: NDArray[np.uint8], captures: Pictures, seed: int = 0
 ) -> Surrogate:
-    """Train a surrogate on pairs. The model of other parts corrects each part, as it will correct other captures."""
+    """Train a surrogate on pairs. Each part is corrected by the model of the other parts, as new captures will be."""
     codes = reduced_codes(pictures)
     raster = reduced(pictures[0], fitted.factor).shape[:2]
     surrogate = Surrogate(fitted, (raster[0], raster[1]), _back(fitted, pictures.shape[1:3]))

@@ -55,7 +55,7 @@ def read_placed(path: Path, target: tuple[int, int], screen: Screen | None = Non
 
 
 def white_level(linear_rgb: FloatArray) -> float:
-    """Returns the 99th percentile of a picture's values, or its maximum, or 1: the first of them that is positive."""
+    """Returns the first positive number of: the 99th percentile of a picture's values, their maximum, and 1."""
     level = float(np.percentile(linear_rgb, WHITE_PERCENTILE))
     largest = float(np.max(linear_rgb))
     return level if level > 0 else largest if largest > 0 else 1.0

@@ -46,7 +46,7 @@ def write_acquisition_report(room: Path, report: AcquisitionReport, findings: li
 def predicted_quality(
     transport: Transport, calibration: Calibration, check_error: float
 ) -> dict[str, dict[str, float]]:
-    """Returns PSNR in dB of the best compensation, by the acquired T alone, and with the error of T in the check.
+    """Returns two PSNRs in dB of the best compensation: without errors of T, and with the error that the check found.
 
     A relative error δ of the predicted light c adds δ² mean c² to the mean squared error. The optimum is certified to
     0.04 dB. If T is so ill-conditioned that MOST_STEPS do not suffice, the best picture so far counts. On rooms of the

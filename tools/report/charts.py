@@ -12,7 +12,7 @@ BINS = 24
 
 
 def bins_of(values: NDArray[np.integer]) -> list[tuple[int, int, int]]:
-    """Returns (lowest, highest, count) of up to 24 integer bins of equal ratio; every value is in exactly one bin."""
+    """Returns (lowest, highest, count) of up to 24 integer bins whose widths grow by a fixed ratio."""
     if values.size == 0:
         return []
     low, high = max(int(values.min()), 1), max(int(values.max()), 1)

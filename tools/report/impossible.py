@@ -1,4 +1,4 @@
-"""The impossible map: camera pixels that no projector picture can serve, with the reason.
+"""The impossible map: camera pixels whose target no projector picture can show, with the reason.
 
 Every test is on radiance, in the worst of the three channels, against the white level w of the maps.
 """
@@ -26,7 +26,7 @@ BOX_STEPS = 60
 
 @dataclass(frozen=True)
 class Reason:
-    """Reason why a pixel cannot be served: a name for JSON, the legend's words and its colour (8-bit sRGB)."""
+    """Reason why no picture can show a pixel's target: a name for JSON, the legend's words and colour (8-bit sRGB)."""
 
     name: str
     words: str
@@ -54,7 +54,7 @@ class Impossible:
 
     @property
     def first(self) -> NDArray[np.int64]:
-        """(camera height, camera width): 0 for served pixels, otherwise 1 + the index of the first reason."""
+        """(camera height, camera width): 0 for pixels without a reason, otherwise 1 + the index of the first reason."""
         return np.where(self.flags.any(axis=0), 1 + np.argmax(self.flags, axis=0), 0)
 
     def picture(self) -> NDArray[np.uint8]:
@@ -62,7 +62,7 @@ class Impossible:
         return np.array([reason.colour for reason in (SERVED, *REASONS)], np.uint8)[self.first]
 
     def to_json(self) -> dict[str, dict[str, int]]:
-        """Returns camera pixels per reason: those whose first reason it is, and all that have it."""
+        """Returns two numbers of camera pixels per reason: pixels that show its colour, and all pixels that have it."""
         shown = np.bincount(self.first.ravel(), minlength=1 + len(REASONS))
         every = [int(self.flags.size // len(REASONS) - self.flags.any(axis=0).sum()), *self.flags.sum(axis=(1, 2))]
         return {

@@ -1,4 +1,4 @@
-"""T, assembled in bands of camera rows: many rays become few entries, and memory holds only entries."""
+"""T, assembled in bands of camera rows. Many rays become few entries, and only the entries stay in memory."""
 
 from dataclasses import dataclass, field
 

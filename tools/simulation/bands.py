@@ -67,7 +67,7 @@ FAINTEST = 1e-4  # a path that carries less of its pixel's radiance ends
 
 
 def camera_samples(scene: Scene, rows: range, effects: EffectsOn) -> Iterator[Samples]:
-    """Yield the matt points that the pixels of some rows see, directly or through the effects that plug in."""
+    """Yield the matt points that the pixels of some rows see, directly or through effects such as mirrors."""
     waiting = [(0, primary_rays(scene, rows, effects))]
     while waiting:
         turns, rays = waiting.pop()

@@ -74,8 +74,8 @@ class Objective:
     T : transport; rows of camera pixels without weight are empty.
     weights : w, (camera pixels,).
     seen : (projector pixels,). How well trusted camera pixels see each pixel, 1 for most pixels.
-    bounds : whether b is limited to what each camera pixel can have by itself; otherwise its neighbours would be
-        spoiled in vain.
+    bounds : whether b is limited to the light that each camera pixel can reach by itself. Without this limit, an
+        unreachable b would make its neighbours too bright.
     mixing : mixing of the camera's colours, which defines the nearest possible light.
     lit : (camera pixels,). Pixels that figures refer to; None for all.
     """
@@ -133,7 +133,7 @@ class Objective:
 
     @property
     def heard(self) -> FloatArray:
-        """d / (d + η), (projector pixels, 3); 1 where only the camera's data count."""
+        """d / (d + η), (projector pixels, 3): the weight of the camera's data against the prior; 1 without a prior."""
         if self.prior is None:
             return np.ones((self.T.shape[1], 3))
         d, damping = self._sums, self.prior.damping.reshape(-1, 3)
@@ -287,7 +287,7 @@ def _hold(d: FloatArray, far: FloatArray, shown: FloatArray) -> FloatArray:
 
 
 def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatArray]:
-    """Yield 1 − κ of pixels and their right neighbours, then lower neighbours; 1 if too little is seen to know κ.
+    """Yield 1 − κ of pixels and their right neighbours, then lower neighbours; 1 if too little is seen to compute κ.
 
     If a projector pixel fills less than a camera pixel, neighbours look alike only because of the coarse camera.
     """

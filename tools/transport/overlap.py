@@ -17,7 +17,7 @@ AT_ONCE = 1 << 21
 
 
 def overlap(T: Transport, weights: FloatArray, projector: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Return κ of each pixel with its right and lower neighbour, (projector height, projector width); 0 without one.
+    """Return κ of each pixel with its right and lower neighbour, (projector height, projector width); 0 at the border.
 
     T : transport; far light is ignored.
     weights : w, (camera pixels,).

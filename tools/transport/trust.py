@@ -1,8 +1,8 @@
 """Trust in camera pixels, and the visibility of projector pixels to trusted camera pixels, from T alone.
 
-The border of the projector's raster cuts footprints. A pixel with a cut footprint cannot reach its target, and vain
-attempts spoil its neighbours. The cut shows in T's row, without any knowledge of the scene. The line of projector
-pixels at the raster's border then has a larger share of the row's light than any line of a whole footprint.
+The border of the projector's raster cuts footprints. A pixel with a cut footprint cannot reach its target, and attempts
+to reach it make its neighbours wrong. The cut shows in T's row, without any knowledge of the scene. The line of
+projector pixels at the raster's border then has a larger share of the row's light than any line of a whole footprint.
 
 Where several cameras see one place, each point of the screen counts once: w = a f / Σ f. a is the screen area that the
 pixel sees. f is how far the seen projector pixels are from the border of the camera's picture. The sum is over all

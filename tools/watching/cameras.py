@@ -1,4 +1,4 @@
-"""The cameras of the watcher: eyes of live cameras, the newest file of a folder, and a simulated room."""
+"""The cameras of the watcher: live cameras, the newest file of a folder, and a simulated room."""
 
 import os
 import queue
@@ -47,17 +47,17 @@ class WatchCamera(Protocol):
     @property
     def follows(self) -> bool: ...
     def skip(self) -> float:
-        """Wait for the next frame, and discard it; returns the time of its arrival. Raises InputError without one."""
+        """Wait for the next frame, and discard it; returns the time of its arrival. Raises InputError if none comes."""
 
     def frame(self) -> tuple[float, Shot]:
-        """Wait for the next frame; returns the time of its arrival, and the frame. Raises InputError without one."""
+        """Wait for the next frame; returns the time of its arrival, and the frame. Raises InputError if none comes."""
 
     def show(self, picture: Picture) -> None:
         """Take a displayed picture, for cameras that are simulated."""
 
 
 class LiveFrames:
-    """The frames of one or more eyes, (height, width) or (height, width, 3) for all of them together."""
+    """The frames of one or more live cameras, (height, width) or (height, width, 3) for all of them together."""
 
     follows = False
 

@@ -32,7 +32,7 @@ HUBER, ROUNDS = 1.5, 4  # robust deviations from which on a residual counts less
 SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter of its weight
 OUTLIER = 4.0  # residual of a block that belongs to a foreign object
 REGION = 6  # least blocks of a region that is rejected together with its surroundings
-FLAT = 0.02  # share of the floodlight; a picture with a smaller deviation tells nothing about its place
+FLAT = 0.02  # share of the floodlight; the place of a picture with a smaller deviation cannot be estimated
 FAR = 0.1  # share of white; larger residuals count as equal in a search
 
 

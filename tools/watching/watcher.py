@@ -42,13 +42,13 @@ BACK_S = 10.0  # a camera that has moved or changed takes the corrections of thi
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
 MISFITTING, SEARCHED = 0.05, (2.0, 1.0, 0.5)  # share of outliers that starts the search of a jump; steps in pixels
-SEARCH_S = 1.0, 30.0  # between two searches; doubles after each search in vain
+SEARCH_S = 1.0, 30.0  # time between two searches; doubles after each search without a result
 MUCH_BETTER = 0.7  # factor by which a jump must reduce the misfit
 
 
 @dataclass(frozen=True)
 class _Taken:
-    """A capture that was compared."""
+    """A capture and the result of its comparison with the prediction."""
 
     picture: FloatArray
     compared: Compared

@@ -22,7 +22,7 @@ from counterlight.tools.ways.footprints import PERIODS, Footprints, footprints
 
 # percentile of bright pixels; footprints of pixels below FAINTEST of it are noise
 BRIGHT_PERCENTILE, FAINTEST = 95, 0.02
-TOLD = 0.1  # least share of a pixel's light that marks a way
+TOLD = 0.1  # a way of light is reported for a pixel from this share of the pixel's light
 WIDE, FAR_WIDE = 0.4, 1.0  # pixels² beyond the size of the pixels: distinct from noise, visible as blur
 COLOURED = 0.35  # share of the spread: minimal difference between channels
 TAILS = 2.6  # between 2 of a normal spot and 3.3 of a planar exponential spot

@@ -2,7 +2,7 @@
 
 Reads the medium from stdin, then orders as JSON lines {"serial": n, "time_s": t, "speed": v}. Writes blocks to stdout:
 HEADER (serial, samples), then that many stereo pairs of float32 at RATE. The first pair is at `time_s` of the medium,
-and `speed` media seconds last one second. A block of 0 samples marks the end; serial −1 says that there is no sound.
+and `speed` media seconds last one second. A block of 0 samples marks the end; serial −1 means that there is no sound.
 """
 
 import json

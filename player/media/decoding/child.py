@@ -1,6 +1,6 @@
 """Decoder processes: how the player starts and ends them, and how they limit their memory.
 
-A decoder imports this module before any large module, so that its first sign of life comes as soon as Python runs. The
+A decoder imports this module before any large module, so that its first heartbeat comes as soon as Python runs. The
 format of the sound decoder's blocks is here, because importing it must not import PyAV (0.25 s).
 """
 

@@ -1,7 +1,7 @@
 """The parent's end of a decoder process: starts it, receives its events, shares memory with it, ends it. Never waits.
 
 Commands and events are JSON lines (decoder.py lists them). Pixels pass through a ring of slots in anonymous shared
-memory, which disappears with the processes, however they end.
+memory, which is freed on any exit of the processes.
 """
 
 import contextlib

@@ -92,7 +92,7 @@ class FfmpegSource:
     def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
         """See Source. Decodes from the key frame before `from_s` on, and drops earlier pictures.
 
-        Raises InputError at damage; if tolerant, only if the medium has no good picture.
+        Raises InputError for damage; if tolerant, only if no picture can be decoded.
         """
         fresh, self._fresh = self._fresh, None  # the pictures that were decoded while opening
         pictures, good = fresh if fresh is not None and from_s <= 0 else self._from(from_s), 0
@@ -107,7 +107,7 @@ class FfmpegSource:
         yield from self._news()
 
     def _news(self) -> Iterator[str]:
-        """Yield a line about tolerated damage, once."""
+        """Yield one line about tolerated damage, only the first time."""
         if self._damage is not None and not self._reported:
             self._reported = True
             yield f"{str(self._damage).removesuffix(f'; {_FIX}')}; left out, as all that cannot be decoded"
@@ -376,7 +376,7 @@ def _jpeg_ends(data: bytes) -> bool:
 
 
 def _failing(error: InputError) -> Iterator[Decoded]:
-    """Return an iterator whose first step raises."""
+    """Return an iterator that raises this error on its first step."""
     yield from (_throw(error) for _ in range(1))
 
 

@@ -66,7 +66,7 @@ class LiveSource(FfmpegSource):
         return f"{self.path}: damaged pictures are left out"
 
     def _reconnect(self, tries: int) -> Generator[str, None, int]:
-        """Open the source again, with any number of attempts. Yields empty lines as signs of life.
+        """Open the source again, with any number of attempts. Yields empty lines meanwhile, as heartbeats.
 
         tries : recent attempts; the new number is returned.
         """

@@ -113,7 +113,7 @@ def check_finite(planes: tuple[Plane, ...]) -> None:
 
 
 def peak_notice(pixels: PixelFormat) -> str | None:
-    """Return a warning for HDR whose brightest light must be assumed, otherwise None."""
+    """Return a warning if the medium is HDR and does not state its brightest light, otherwise None."""
     if pixels.transfer != "pq" or pixels.peak_nits:
         return None
     return "PQ (HDR) that does not say how bright it gets; 1000 cd/m² are assumed, --hdr-peak says otherwise"

@@ -44,7 +44,7 @@ class Waiting(InputError):  # noqa: N818 - no fault: a run that goes on later
     """Captures are missing.
 
     first : number of the first missing capture.
-    waited : whether the run waited for captures in vain.
+    waited : whether the run waited for captures and none came.
     """
 
     def __init__(self, message: str, first: int, *, waited: bool) -> None:
@@ -79,7 +79,7 @@ class FolderCamera:
     def bind(self, acquisition: str, *, first: bool) -> None:
         """Reserve the folder for an acquisition, by its id; InputError if it holds another acquisition's captures.
 
-        first : this acquisition replaces none, so captures without a known owner are taken as its own.
+        first : whether the folder had no earlier acquisition. Captures without a known owner then belong to this one.
         """
         path, seen = self._folder / ACQUISITION, self._folder / "captures"
         bound = read_toml(path, f"remove {path}").get("id") if path.exists() else None
@@ -143,7 +143,8 @@ class FolderCamera:
                 if not path.exists():
                     put(path, encode_png(_stored(patterns[number - first])))
         there = self._goes_on and not self._absent(missing)
-        if missing and not there:  # otherwise captures of later levels may exist from an earlier run
+        # without this condition, captures of later levels from an earlier run would be refused
+        if missing and not there:
             self._refuse_strangers(shown, seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
         while absent := self._absent(missing):
@@ -230,7 +231,7 @@ def _waiting(folder: Path, absent: Sequence[str]) -> str:
 
 
 class AimedFolder:
-    """A screen that writes FOLDER/aim/pattern.png, and an eye that reads the newest photograph in FOLDER/aim."""
+    """A screen that writes FOLDER/aim/pattern.png, and a camera that reads the newest photograph in FOLDER/aim."""
 
     timed, refresh_hz = False, None
 

@@ -49,14 +49,14 @@ class Eye(Protocol):
 
 
 class LiveCamera:
-    """The camera back end of a screen and an eye.
+    """The camera back end of a screen and a source of frames.
 
     lag : frames to skip between a change of picture or exposure and a shot; the pre-flight measures it.
     """
 
     def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, lag: int = 0) -> None:
         self.screen, self.eye, self._exposures, self.lag = screen, eye, exposures, lag
-        self._standing: Codes | None = None  # the picture that the camera already sees
+        self._standing: Codes | None = None  # the picture that the camera sees at present
         self._exposed = 0.0
 
     @property

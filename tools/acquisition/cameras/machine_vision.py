@@ -20,14 +20,15 @@ from counterlight.tools.hdr.raw_files import binned, grey
 OFF = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BslLightSourcePreset", "LightSourcePreset")
 NOT = ("GammaEnable", "LUTEnable", "ColorTransformationEnable", "AcquisitionFrameRateEnable")
 TIMES = ("ExposureTime", "ExposureTimeAbs")  # in microseconds; older GigE cameras have the second
-LOWEST = (("Gain", "GainRaw"), ("BlackLevel", "BlackLevelRaw"))  # gain adds noise; a black level would count as light
+# lowest: gain adds noise, and a black level would count as light
+LOWEST = (("Gain", "GainRaw"), ("BlackLevel", "BlackLevelRaw"))
 MOSAICS = {  # colours of a quad, by the name of its first row
     "RG": ((0, 1), (1, 2)),
     "GR": ((1, 0), (2, 1)),
     "GB": ((1, 2), (0, 1)),
     "BG": ((2, 1), (1, 0)),
 }
-BITS = (12, 10, 16, 8)  # best first: containers of 16 bits hold 12 bits and noise
+BITS = (12, 10, 16, 8)  # preferred first: containers of 16 bits hold 12 bits and noise
 ANSWER_S = 5.0  # seconds beyond the exposure time to wait for a trigger or a frame
 TRIES = 3  # attempts for a frame that loses packets
 AGAIN = "plug it in again and run the same command again"
@@ -35,7 +36,7 @@ OBEYED = 0.05  # allowed relative difference between the exposure times set and 
 
 
 class MachineVisionEye:
-    """The eye of an open pylon camera; InputError if it cannot be set by hand."""
+    """The frames of an open pylon camera; InputError if it cannot be set by hand."""
 
     timed = True
 
@@ -203,7 +204,8 @@ def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
 def _libraries() -> tuple[Any, Any]:
     """Returns pypylon's modules pylon and genicam; InputError if pypylon is not installed."""
     try:
-        with warnings.catch_warnings():  # pypylon's import warns; with warnings as errors it would end the process
+        # importing pypylon warns, and with warnings as errors the warning would end the process
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             from pypylon import genicam, pylon
     except ImportError:

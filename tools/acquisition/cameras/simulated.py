@@ -118,14 +118,14 @@ class SimulatedRoom:
 
 
 class VisibleScreen(Screen, Protocol):
-    """A screen that a simulated eye can look at."""
+    """A screen that a simulated camera can look at."""
 
     def look(self) -> Codes:
         """Returns the picture that the screen shows now."""
 
 
 class MemoryScreen:
-    """A screen in memory, visible only to simulated eyes."""
+    """A screen in memory, visible only to simulated cameras."""
 
     refresh_hz: float | None = None
 

@@ -18,7 +18,7 @@ OBEYED = 0.1  # allowed relative difference to the nearest shutter time
 
 
 class TetheredEye:
-    """The eye of a still camera: each frame is a new shot, so that no old frame can appear.
+    """The frames of a still camera: each frame is a new shot, so that no old frame can appear.
 
     response : camera response of JPEGs; RAW is linear.
     """

@@ -13,7 +13,7 @@ Shape = tuple[int, int]
 
 
 class TogetherEye:
-    """Joins eyes: narrower pictures are padded with black, and all eyes share the exposures."""
+    """Joins cameras: narrower pictures are padded with black, and all cameras share the exposures."""
 
     def __init__(self, eyes: Sequence[Eye]) -> None:
         self._eyes = tuple(eyes)
@@ -29,7 +29,7 @@ class TogetherEye:
 
     @property
     def views(self) -> tuple[Shape, ...]:
-        """(height, width) of each eye's pictures."""
+        """(height, width) of each camera's pictures."""
         if not self._shapes:
             self.frame()
         return self._shapes
@@ -62,7 +62,7 @@ class TogetherEye:
 
 
 def together(eyes: Sequence[Eye]) -> Eye:
-    """Returns the joined eyes; a single eye is returned unchanged."""
+    """Joins several sources of frames; a single source is returned unchanged."""
     return eyes[0] if len(eyes) == 1 else TogetherEye(eyes)
 
 

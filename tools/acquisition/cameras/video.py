@@ -35,7 +35,7 @@ class Capture(Protocol):
 
 
 class VideoEye:
-    """The eye of an open video camera; InputError if a setting cannot be made by hand."""
+    """The frames of an open video camera; InputError if a setting cannot be made by hand."""
 
     timed = True
 

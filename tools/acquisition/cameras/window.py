@@ -15,7 +15,7 @@ from counterlight.tools.acquisition.plan import Codes
 
 
 class WindowScreen:
-    """The screen of a window; a simulated eye reads the desktop's pixels at the window's position."""
+    """The screen of a window; a simulated camera reads the desktop's pixels at the window's position."""
 
     def __init__(self, window: PatternWindow) -> None:
         self._window = window

@@ -29,7 +29,7 @@ from counterlight.tools.acquisition.plan import Measured
 from counterlight.tools.acquisition.recording import Store, in_raster
 
 FIRST_OF_CURVE = 1 << 13  # number of the first picture of the camera's curve, above all others
-COPIES = 3  # copies of all captures, float32, in memory at once
+COPIES = 3  # copies of all captures (float32) that are in memory at the same time
 
 
 def acquire_pictures(
@@ -74,7 +74,7 @@ def acquire_pictures(
         views = fitted(projector) if projector or first is None else first
         for view in views.views:
             refuse_bends(camera, [view.bend], f"{names[projector]}{view.name}", measured=curve is not None)
-        own = numbers[projector > 0 :]  # black belongs to the first projector
+        own = numbers[projector > 0 :]  # only the first projector's captures include black
         resumed = len(set(own) & set(before))
         done = _acquisition(camera, views, order, of_each, len(own), seconds, resumed)
         found.append(replace(done, curve=curve))

@@ -20,8 +20,9 @@ from counterlight.tools.transport.transport import Csr, Dense, FarLight, Shape, 
 CELLS = 48  # approximate number of cells of the projector
 MOST_READ = 1 << 13  # pixels that one cell reads or lights: half of a texture's row (maps/row_map.py)
 LEAST_NODES, MOST_NODES = 192, 1500  # nodes over the camera picture; a dense matrix mixes them
-SPREAD, ALIKE = 0.7, 1.0  # relative standard deviation of a cell's share; its correlation length in cells
-NEARER, CLOSE = 5.0, 1.5  # extra light from cells near a spot, relative to others; σ of "near" in cells
+SPREAD, ALIKE = 0.7, 1.0  # relative standard deviation of a cell's share, and correlation length of the shares in cells
+# NEARER: extra light from cells near a spot, relative to other cells; CLOSE: σ of "near" in cells
+NEARER, CLOSE = 5.0, 1.5
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class Far:
 
     @cached_property
     def around(self) -> FloatArray:
-        """Like `total`, if each pixel had as much far light as its neighbours."""
+        """Like `total`, but with each pixel's far light equal to the mean far light of its neighbours."""
         return np.asarray(np.einsum("ni,nil->nl", self.nodes.weights, self.shares.sum(axis=2)[self.nodes.corners]))
 
     @cached_property

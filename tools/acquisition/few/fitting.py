@@ -28,7 +28,7 @@ CLEARLY = 0.5  # a place is moved if the misfit falls below this share of its pr
 
 
 def settled(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> Spots:
-    """Returns spots at the places from which these pictures look as captured."""
+    """Returns spots moved to the places that best predict these pictures."""
     misfits, weights = [], spots.seen.astype(np.float64)
     for moved in BESIDE:
         there = replace(spots, place=spots.place + moved)
@@ -128,7 +128,7 @@ def _of_grey(seen: Seen, shares: FloatArray) -> FloatArray:
 
 
 def sampled(windows: Windows, most: int = MOST_SAMPLED) -> IntArray:
-    """Returns numbers of windows, evenly spaced, at most `most`."""
+    """Returns the indices of at most `most` windows, evenly spaced."""
     return np.arange(0, len(windows.pixel), max(1, -(-len(windows.pixel) // most)))
 
 

@@ -17,11 +17,15 @@ from counterlight.tools.acquisition.few.places import Spots, along
 from counterlight.tools.acquisition.few.seen import Seen, Table, some
 from counterlight.tools.transport.transport import Shape
 
-LEAST_REACH, MOST_REACH = 3, 6  # projector pixels from a spot's middle to its window's edge
+LEAST_REACH, MOST_REACH = 3, 6  # limits of the distance from a spot's middle to its window's edge, in projector pixels
 REACH = 3.0  # standard deviations of a spot from its middle to its window's edge
-SHAPE, FLOOR = 0.15, 0.002  # standard deviation of a window's pixel: relative to its share, and to all light
-PLACE, WIDTH = 0.1, 0.15  # standard deviations: of a Gaussian's place in projector pixels, of its width as a share
-OWN, AT_BORDER = 0.05, 0.5  # relative standard deviation of a pixel's far light from its surroundings; at the border
+# standard deviations of a pixel in a window: SHAPE relative to the pixel's share, FLOOR relative to all light
+SHAPE, FLOOR = 0.15, 0.002
+# standard deviations of a Gaussian's place (projector pixels) and of its width (relative to the width)
+PLACE, WIDTH = 0.1, 0.15
+# relative standard deviation between a pixel's far light and its surroundings' far light: OWN inside, AT_BORDER at the
+# border
+OWN, AT_BORDER = 0.05, 0.5
 MOST_FAR = 0.95  # share of a pixel's light
 BORDER = 1.5  # projector pixels; spots with a middle nearer to the raster's border count as cut
 STEP = 0.02  # step of finite differences
@@ -118,7 +122,7 @@ class Windows:
 
     @property
     def at_border(self) -> BoolArray:
-        """(n,) bool. Whether the raster's border cuts the spot, so that less of its light is near."""
+        """(n,) bool. Whether the raster's border cuts the spot; a cut spot has less near light."""
         first, last = -0.5 + BORDER, np.array(self.projector) - 0.5 - BORDER
         return np.asarray(np.any((self.place < first) | (self.place > last), axis=1))
 
@@ -156,7 +160,7 @@ def _bent(
     A = seen.drive(table, far.near_mixture[pixels], windows.columns, pictures)
     target, sigma = seen.targets(pixels, pictures)
     distant, close = far.seen(pixels, pictures), np.einsum("new,nw->ne", A, windows.start)
-    # Far light takes its share away from near light, about the same share of each primary.
+    # Far light is subtracted from near light; its share is about the same for each primary.
     share = far.total[pixels].mean(axis=1)[:, None]
     spread = np.where(windows.at_border, AT_BORDER, OWN)
     more = spread[:, None] * (distant - share / (1 - share) * close)

@@ -26,13 +26,14 @@ from counterlight.tools.acquisition.plan import Codes, LazyPatterns
 from counterlight.tools.transport.transport import Shape
 
 BLACK, PRIMARIES, RAMPS, FIRST_SINE = 0, (1, 2, 3), 4, 5
-PERIOD, LONG_PERIOD = 8, 64  # projector pixels; shorter periods pull places towards the pixels' middles
+# periods of sines in projector pixels; shorter periods would pull places towards the pixels' middles
+PERIOD, LONG_PERIOD = 8, 64
 ONE_PERIOD = 256  # side in pixels up to which a ramp resolves periods of 8 pixels
 PHASES = 0.0, np.pi / 2
-WHITE_EVERY = 32  # among random pictures, one white per so many pictures
+WHITE_EVERY = 32  # every WHITE_EVERY random pictures, white is shown once
 CELLS = 8  # cells along the longer side; a random picture is mostly lit or mostly dark in each cell
 MOSTLY = 0.85
-DARKEST = 40  # least code value of ramps; below it, places hardly change the light
+DARKEST = 40  # least code value of ramps; below it, light hardly changes with the place
 ENCODING = 2.2  # gamma of sines; gives about even steps of light on most projectors
 SEED = 19840918
 

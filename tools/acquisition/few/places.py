@@ -16,8 +16,8 @@ from counterlight.tools.acquisition.few.seen import Seen, Table
 RAMP_SPREAD, PHASE_SPREAD = 7, 3  # camera pixels; sides of the median filters of rough places
 WIDTH_SPREAD = 3.0  # σ in camera pixels over which contrasts are averaged; neighbours see similar spots
 LEAST_CONTRAST = 0.1  # contrast of a sine below which a camera pixel has no place
-CLEAR = 4.0  # multiple of the noise
-LEAST_DIRECT = 0.3  # share of the neighbours' contrast; a pixel with less sees almost only far light
+CLEAR = 4.0  # least contrast, in multiples of its noise
+LEAST_DIRECT = 0.3  # share of the neighbours' contrast; a pixel with less contrast sees almost only far light
 STRETCHES = np.linspace(0, 0.6, 13)  # shares of far light to try; far light flattens ramps
 NARROWEST, WIDEST = 0.02, 0.9999  # limits of the contrasts from which widths are computed
 MENDED = 2  # corrections of a phase for the spot's width and the response
@@ -143,7 +143,7 @@ def along(place: FloatArray, width: FloatArray, reach: int) -> tuple[IntArray, F
 
 
 def _rough(seen: Seen, table: Table, sines: Sequence[_Sine], direct: BoolArray) -> FloatArray:
-    """Returns smoothed places by the ramps, (camera pixels, 2), for the share of far light that fits the sines best."""
+    """Returns the places by the ramps, smoothed, (camera pixels, 2), with the share of far light that fits best."""
     share, certain = _primary_shares(seen, RAMPS)
     mean = table[seen.codes[RAMPS], np.arange(3)].mean(axis=0)
     tried = [_by_ramps(seen, table, (share - far * mean) / (1 - far), certain, direct) for far in STRETCHES]
@@ -172,7 +172,7 @@ def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, 
 
 
 def _misfit(sines: Sequence[_Sine], rough: FloatArray, direct: BoolArray) -> float:
-    """Returns the mean distance of rough places to the nearest place of their phase."""
+    """Returns the mean distance of rough places to the nearest place that has the captured phase."""
     off = [np.abs(sine.nearest(each) - each)[direct] for sine, each in zip(sines, rough.T, strict=True)]
     return float(np.mean(off)) if direct.any() else 0.0
 

@@ -20,7 +20,7 @@ ROUNDS = 2  # rounds between response and far light, which both affect the ramps
 GAMMAS = 1.0, 4.0
 OFF, BENT = 0.1, 0.02  # standard deviations of the levels' offset from a gamma curve, and of its second differences
 INDEPENDENT = 1000  # camera pixels that count as independent, because neighbours have similar errors
-AS_SEEN = 0.01  # share of the floodlight; error of a ramp due to a spot's place
+AS_SEEN = 0.01  # error of a ramp that comes from a spot's place, as a share of the floodlight
 
 
 @dataclass(frozen=True)

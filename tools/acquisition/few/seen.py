@@ -21,7 +21,7 @@ from counterlight.tools.acquisition.few.order import BLACK, PRIMARIES, Order
 from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise, Reference
 
 SUMMED = 12**0.5  # noise of a floodlight over the noise of a capture: it sums three captures, each minus the same black
-CLEAR = 2.5  # multiple of that noise by which the floodlight must raise a channel of a camera pixel
+CLEAR = 2.5  # least rise of a channel by the floodlight, in multiples of the floodlight's noise
 LEAST_SIGMA = 1e-4  # share of the floodlight; least error assumed of a capture
 NUMBERS_AT_ONCE = 1 << 24  # numbers in the equations processed at a time
 Table = NDArray[np.float32]  # (256, 3), each primary's light per code value
@@ -61,7 +61,7 @@ class Seen:
 
     @cached_property
     def light(self) -> FloatArray:
-        """L, (camera pixels, 3); 0 where noise hides it."""
+        """L, the floodlight, (camera pixels, 3); 0 where noise hides it."""
         light = self.primaries.sum(axis=2)
         return np.where(light > CLEAR * SUMMED * self.room.noise.dark, light, 0)
 
@@ -71,7 +71,7 @@ class Seen:
 
     @cached_property
     def mixture(self) -> FloatArray:
-        """F / L, (camera pixels, channel, primary)."""
+        """F / L, each primary's share of the floodlight, (camera pixels, channel, primary)."""
         light = self.light[..., None]
         return np.divide(self.primaries, light, out=np.zeros_like(self.primaries), where=light > 0)
 
@@ -153,7 +153,10 @@ def reference(order: Order, captures: Sequence[NDArray[np.floating]], saturated:
 
 
 def noise_by_neighbours(room: Reference) -> Noise:
-    """Estimate dark noise from differences of neighbours, an upper bound, and photon noise from usual values."""
+    """Estimate the noise. Dark noise comes from differences of neighbouring pixels, which are an upper bound.
+
+    Photon noise is assumed to be that of USUAL_ELECTRONS.
+    """
     changes = (room.black[:, 1:] - room.black[:, :-1]).reshape(-1, 3) / np.sqrt(2)
     bright = np.percentile(room.light, BRIGHT, axis=0)
     dark = MAD_TO_SIGMA * np.median(np.abs(changes), axis=0)
@@ -176,7 +179,8 @@ def _by_white(unadded: FloatArray, floodlight: FloatArray, black: FloatArray) ->
         off = unadded[:, i] - share * light
         variance = np.array([(MAD_TO_SIGMA * np.median(np.abs(off[part]))) ** 2 for part in parts])
         design = np.stack([np.full(LEVELS, 8.0), [2 * light[part].mean() for part in parts]], axis=1)
-        weights = 1 / np.maximum(variance, 1e-4 * variance.max() + 1e-30)  # a variance's error is proportional to it
+        # the error of a measured variance is proportional to the variance
+        weights = 1 / np.maximum(variance, 1e-4 * variance.max() + 1e-30)
         (dark2, gain[i]), _ = nnls(design * weights[:, None], variance * weights)
         dark[i] = np.sqrt(max(dark2, gain[i] * float(black[..., i].mean())))
     least = LEAST_STEP * float(np.percentile(floodlight, BRIGHT))

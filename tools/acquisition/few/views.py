@@ -75,7 +75,7 @@ class Views:
 
     @property
     def check(self) -> Check:
-        """The check of the worst camera; without its lights if there are several."""
+        """The check of the worst camera; its `lights` are left out if there are several cameras."""
         worst = max((view.check for view in self.views), key=lambda check: check.error)
         return replace(worst, lights=None) if self.cameras else worst
 

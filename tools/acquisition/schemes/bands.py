@@ -20,7 +20,7 @@ from counterlight.tools.acquisition.schemes.known import KnownLight
 
 PIXELS = 1 << 16  # camera pixels per band
 CONNECTIONS = 1 << 22  # connections that are read from a capture at a time
-SIDE_BY_SIDE = 2  # bands that are settled or solved at a time, all in memory
+SIDE_BY_SIDE = 2  # bands that are in memory at a time to be evaluated or solved
 
 
 class Band:

@@ -24,7 +24,8 @@ NO_CHILD = -1
 MOST_FAR_CELLS = 1500  # a dense matrix mixes the cells of FarLight
 LEAST_FAR_SIDE = 4  # side of the smallest blocks of far light, projector pixels
 WIDE, WIDE_SPREAD = 1 << 18, 4  # projector pixels of a wide raster; side of its largest spread blocks
-MOST_READ = 1 << 13  # camera pixels that see one cell of far light; a texture's row holds twice as many
+# largest number of camera pixels that see one cell of far light; a texture's row holds twice as many
+MOST_READ = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ class Seen:
 
     @classmethod
     def of(cls, parts: Sequence[BlockLight], camera_pixels: int) -> "Seen":
-        """Divide light into near light of pixels and far light of at most 1500 blocks; smaller blocks join either.
+        """Divide light into near light of pixels and far light of at most 1500 blocks; smaller blocks join one of them.
 
         A small block is the rim of a spot if the camera pixel sees single pixels in the same cell. Unless it is too
         large, it becomes near light, spread over its pixels. Any other small block is far light that happened to be

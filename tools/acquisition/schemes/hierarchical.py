@@ -57,8 +57,10 @@ QUARTERS = 4
 USUAL = 32  # pictures assumed per level in advance
 GROWTH = 0.8, 2.0  # least and most growth from a level to the next
 ONE_BY_ONE = 2  # growth after a level whose blocks were shown one by one
-FAINT, UNEVEN = 0.03, 0.001  # shares of the floodlight: a fainter block is divided only if its quarters differ by more
-BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # light, variance and mark of its quarters, their successors, and its order
+# shares of the floodlight: a block below FAINT is divided only if its quarters differ by more than UNEVEN
+FAINT, UNEVEN = 0.03, 0.001
+# bytes of a divided block: light, variance and mark of its quarters, their successors, and its order
+BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9
 FEWER = "give a higher --threshold, or let the camera give smaller pictures"
 
 

@@ -46,7 +46,8 @@ from counterlight.tools.acquisition.schemes.known import KnownLight
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
 LEAST_TILE, MOST_TILE = 4, 14
 USUAL_TILE = 8  # for rooms in focus
-REACH_SIGMAS = 2.3  # half a window in standard deviations of the spot; 2 % of its light lie beyond, per axis
+# half width of a window, in standard deviations of the spot; 2 % of the light lie beyond it, per axis
+REACH_SIGMAS = 2.3
 NEIGHBOURHOOD = 16  # projector pixels; side of the areas in which the sharpest camera pixel gives the blur
 MOST_BLURRED = 0.95  # share of the neighbourhoods for which the window is wide enough
 LEAST_FAR = 0.02  # share of all light; less far light is left out
@@ -127,7 +128,7 @@ class Tile:
         light = np.take_along_axis(folded, number[..., None], axis=1)
         corners = (down % (self.side - 1) == 0) & (right % (self.side - 1) == 0)
         pedestal = np.maximum(np.mean(light[:, corners], axis=1), 0)
-        # Photon noise of half the floodlight in each picture of the code, through S⁻¹ (variance 4 / n).
+        # The photon noise of each code picture is that of half the floodlight; S⁻¹ gives it a variance of 4 / n.
         sigma = 2 * room.noise.sigma(room.light / 2) / np.sqrt(self.code)
         pedestal = np.where(pedestal > sigma, pedestal, 0)
         light = light - pedestal[:, None]

@@ -19,7 +19,7 @@ from counterlight.tools.factoring.model import PEAK, Rows, fitted, split
 from counterlight.tools.inverse.pictures import soft_picture
 from counterlight.tools.transport.transport import FarLight, Shape, Transport
 
-MOST_LOST = 0.005  # RMS difference of pictures relative to white: 46 dB
+MOST_LOST = 0.005  # largest RMS difference of pictures, relative to white: 46 dB
 
 
 def smoothed(transport: Transport) -> tuple[Transport, str]:
@@ -69,7 +69,7 @@ def _lost(transport: Transport, blocks: FarLight, far: FarLight, projector: Shap
 
 
 def _drives(projector: Shape) -> list[FloatArray]:
-    """Returns a half-white and a soft picture, (projector pixels, 3)."""
+    """Returns a picture whose half is white, and a soft picture, (projector pixels, 3)."""
     half = np.zeros(projector)
     half[:, projector[1] // 2 :] = 1
     return [np.repeat(picture.reshape(-1, 1), 3, axis=1) for picture in (half, soft_picture(projector))]

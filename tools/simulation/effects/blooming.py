@@ -16,7 +16,7 @@ from counterlight.tools.transport.transport import Csr, Transport, channels, far
 
 
 def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Transport, FloatArray, float]:
-    """Returns T and e (camera pixels, 3) with halos, and the share of the light that moved."""
+    """Returns T and e (camera pixels, 3) with halos, and the share of the light that the halos moved."""
     share = scene.camera.bloom_share
     glare = halo_of(scene.camera, scene.camera.bloom_radius)
     average, halo, interpolate = glare.average, glare.kernel, glare.interpolate

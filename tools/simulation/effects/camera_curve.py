@@ -1,4 +1,4 @@
-"""Camera curve: code values of captures are no straight line of light, as a webcam's sRGB or a maker's S-curve.
+"""Camera curve: code values of captures are not proportional to light, as with a webcam's sRGB or a maker's S-curve.
 
 T has no curve; this module serves simulated captures.
 """

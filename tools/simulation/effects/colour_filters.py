@@ -26,7 +26,7 @@ SQUARE: Kernel = (
 
 
 def filtered(mosaic: str, transport: Transport, ambient: FloatArray) -> tuple[Transport, FloatArray, float]:
-    """Returns A T and A e (camera pixels, 3), and the light that moved."""
+    """Returns A T and A e (camera pixels, 3), and the light that interpolation moved."""
     assert transport.camera is not None
     A = interpolation(mosaic, *transport.camera)
     seen = transport.by_rows(lambda rows: _filtered(A, rows))

@@ -35,7 +35,7 @@ class _Primary(Projector):
 
 
 def primaries(scene: Scene) -> list[tuple[Scene, FloatArray]]:
-    """Returns for each primary the scene with its picture, and which channels are its own: (3,), 1 or 0."""
+    """Returns per primary the scene with its projector, and 1 for its own channel, 0 for the others: (3,)."""
     projector = scene.projector
     given = {field.name: getattr(projector, field.name) for field in fields(projector)}
     found = []
