@@ -88,6 +88,12 @@ def test_errors_of_whole_captures_count_as_captures(rng: np.random.Generator) ->
     assert np.min(inside) < 0.85
 
 
+def test_every_third_of_a_black_picture_has_values() -> None:
+    black = np.zeros((1, *SHAPE, 3))
+    found = coverage(np.full_like(black, 0.1), black, black + 0.01, COUNTED)
+    assert found.thirds == (1.0, 1.0, 1.0)
+
+
 def test_gains_that_the_held_back_captures_do_not_have_are_added(rng: np.random.Generator) -> None:
     """Held-back captures are divided by their gains; new captures are not, and their errors grow with the light."""
     gains = np.array([0.06, 0.05, 0.08])
