@@ -301,6 +301,17 @@ def test_what_has_no_meaning_beside_it(option: str, value: str, capsys: pytest.C
     assert "--pictures" in capsys.readouterr().err
 
 
+def test_captured_light_of_a_check_has_noise_where_the_projector_lights_nothing(rng: np.random.Generator) -> None:
+    dark = np.tile(np.arange(CAMERA[1]) < 12, CAMERA[0])
+    room = room_of(wall(rng).scaled(np.where(dark, 0, 1)))
+    found, camera = acquired(room, 17), SimulatedCamera(room, NOISY)
+    black = np.zeros((*PROJECTOR, 3), np.uint8)
+    first, second = (camera.exposures.radiance(camera.capture(number, black)) for number in (100, 101))
+    assert found.check.lights is not None
+    captured = found.check.lights[1][:, dark]
+    assert captured.std() == pytest.approx((first - second).std(), rel=0.15)  # deviations of 648 and 1296 values
+
+
 # Several projectors, several cameras.
 
 

@@ -128,8 +128,9 @@ def build_room_maps(
             elsewhere = None if workers is None else Elsewhere(workers, Path(shared).absolute())
             built = build_maps(tier, options, aims, refine=refine, elsewhere=elsewhere)
         if (interval := read_interval(stored)) is not None:
-            lights, mask = {"black": 0.0, "white": built.maps.white}, stored.calibration.mask
-            typical = {name: interval.typical(light, mask) for name, light in lights.items()}
+            black = built.maps.mixing.on_screen(stored.calibration.ambient)
+            lights = {"black": black, "white": np.full_like(black, built.maps.white)}
+            typical = {name: interval.typical(light, stored.calibration.mask) for name, light in lights.items()}
             built = replace(built, maps=replace(built.maps, details=built.maps.details | {"interval": typical}))
         maps.write_maps(built.maps, stored, stage)
     return built

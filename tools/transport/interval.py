@@ -52,9 +52,9 @@ class Interval:
         square = _at_pixels(self.local, predicted.shape[:2]) * _variance(predicted, self.growth)
         return np.asarray(np.sqrt(square + (STUDENT * self.gains * predicted) ** 2))
 
-    def typical(self, light: float, counted: BoolArray) -> float:
-        """Return the median of w over the counted pixels of an even camera picture."""
-        return float(np.median(self.half_width(np.full((*counted.shape, 3), light))[counted]))
+    def typical(self, predicted: Pictures, counted: BoolArray) -> float:
+        """Return the median of w over the counted pixels of a predicted camera picture."""
+        return float(np.median(self.half_width(predicted)[counted]))
 
     def inside(self, predicted: Pictures, captured: Pictures) -> BoolArray:
         """Return which values of a captured picture are in the interval, (height, width, 3)."""

@@ -76,14 +76,13 @@ def check_ramps(fit: Fit) -> Check:
 
 
 def _lights(fit: Fit, pictures: Sequence[int]) -> FloatArray:
-    """Returns predicted and captured light above black, (2, pictures, camera pixels, 3); 0 without a place."""
+    """Returns predicted and captured light above black, (2, pictures, camera pixels, 3); no place predicts 0."""
     windows = fit.windows
-    lights, every = np.zeros((2, len(pictures), len(fit.seen.light), 3)), np.arange(len(windows.pixel))
+    captured = fit.seen.above[np.asarray(pictures)].astype(np.float64)
+    predicted, every = np.zeros_like(captured), np.arange(len(windows.pixel))
     for part in some(every, 8 * len(pictures) * windows.size):
-        pixels = windows.pixel[part]
-        lights[0][:, pixels] = fit.predicted(every[part], pictures).transpose(1, 0, 2)
-        lights[1][:, pixels] = fit.seen.captured(pixels, pictures).transpose(1, 0, 2)
-    return lights
+        predicted[:, windows.pixel[part]] = fit.predicted(every[part], pictures).transpose(1, 0, 2)
+    return np.stack([predicted, captured])
 
 
 def _check(fit: Fit, pictures: Sequence[int], of: str = Check.of) -> Check:
