@@ -48,7 +48,7 @@ class Places:
                 raise InputError(f"views {one + 1} and {other + 1} are both at {_written(self.at[one])}; leave one out")
 
     def shares(self, viewpoint: Viewpoint) -> FloatArray:
-        """Return each view's share, (views,), with sum 1. A viewer outside all views counts at the nearest inner place."""
+        """Return each view's share, (views,), with sum 1. Outside all views, the nearest inner place counts."""
         if viewpoint == "all":
             return np.full(len(self.at), 1 / len(self.at))
         shares = np.mean([self._shares_at(np.array(point)) for point in viewpoint], axis=0)

@@ -1,4 +1,4 @@
-"""Watches a projector's pixels as the audience does, 30 times a second, and flags pictures that no show may show.
+"""Watches a projector's pixels as the audience does, 30 times a second, and flags pictures that no audience may see.
 
 The desktop is magenta and the films are flat green. A pixel of the desktop, a window decoration or a letter is
 therefore neither black nor the films' green.
@@ -154,7 +154,7 @@ def change(path: Path, text: str) -> None:
 
 
 def name_of(picture: NDArray[np.uint8]) -> str:
-    """Returns "desktop", "black", "dark", "bright", or "leak" for a picture that no show may show."""
+    """Returns "desktop", "black", "dark", "bright", or "leak" for a picture that no audience may see."""
     if (picture == (255, 0, 255)).all():
         return "desktop"
     levels = picture[..., 1]

@@ -33,7 +33,7 @@ class ColouredRoom:
 
 
 def mixing_of_condition(condition: float) -> FloatArray:
-    """Returns (1 − s) I + s/3, whose rows sum to 1; its singular values are 1 and, twice, 1 − s = 1 / condition."""
+    """Returns (1 − s) I + s/3, whose rows sum to 1; its singular values are 1, and twice 1 − s = 1 / condition."""
     share = 1 - 1 / condition
     return (1 - share) * np.eye(3) + share / 3
 
@@ -82,7 +82,7 @@ def _fields(values: FloatArray, camera: tuple[int, int]) -> FloatArray:
 
 
 def with_mixing(room: Room, rng: np.random.Generator) -> Room:
-    """Add a mixing per camera pixel to a room; for some camera pixels, grey needs none of a primary."""
+    """Add a mixing per camera pixel to a room; in some camera pixels, grey does not need one of the primaries."""
     B = np.eye(3) + 0.3 * rng.uniform(-1, 1, (*room.calibration.camera.shape, 3, 3))
     B[::4, ::3, :, 1] = [0.9, 0.9, 0.6]
     B[::4, ::3, 2] += [0, 0, 0.9]

@@ -73,7 +73,7 @@ def outcome(read: Callable[[], object]) -> str:
 
 @dataclass(frozen=True)
 class DamagedRoom:
-    """Calibration folder with maps, in which one file at a time is damaged; `files` is the original content."""
+    """Calibration folder with maps, in which one file at a time is damaged. `files` is the original content."""
 
     folder: Path
     files: dict[str, bytes]

@@ -1,4 +1,4 @@
-"""Session with fakes around it: clock, reader, renderer and display."""
+"""Session with fake clock, reader, renderer and display."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
@@ -217,7 +217,7 @@ class Screen:
 
 
 class Stage:
-    """Show with fakes around its session, including the opener and the room."""
+    """Show with a session of fakes, including the opener and the room."""
 
     def __init__(self, *readers: Reader, loop_list: bool = False, **options: Any) -> None:
         self.readers = {reader.path: reader for reader in readers or (Reader(),)}

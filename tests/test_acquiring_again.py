@@ -100,7 +100,7 @@ def test_old_captures_are_used_again_only_by_who_asks_for_that(
 
 
 def test_killed_at_any_step_the_rooms_are_whole_and_the_next_run_ends_the_same(tmp_path: Path, runner: Runner) -> None:
-    """A forced acquisition over a finished one survives kills, most of them at the end, where rooms change places.
+    """A forced acquisition over a finished one survives kills, most of them at the end, where rooms are exchanged.
 
     `make fuzz` kills at thousands of steps.
     """

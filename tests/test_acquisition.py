@@ -207,7 +207,7 @@ def test_captures_of_other_options_are_not_mixed(
 def test_captures_from_before_faint_light_was_left_are_not_mixed(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Newer versions cut the blocks of a wide raster by another rule, so that other pictures follow."""
+    """Newer versions divide the blocks of a wide raster by another rule, so that the later pictures differ."""
     arguments = ["--camera", f"simulated:{small_room(tmp_path / 'room', rng)}", "--shots", "1", "-o"]
     assert acquire_transport.main([*arguments, str(tmp_path / "out")]) == 0
     unfinished(tmp_path / "out.captures")

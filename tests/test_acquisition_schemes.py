@@ -175,7 +175,7 @@ def test_connections_that_memory_cannot_hold_are_refused_with_what_helps(
 @settings(max_examples=50, deadline=None)
 @given(seed=SEEDS)
 def test_energy_is_kept_once(seed: int) -> None:
-    """Quarters that add up to their parent keep the parent's light, whichever of them are measurable."""
+    """Quarters that add up to their parent keep the parent's light, whichever quarters are measurable."""
     rng = np.random.default_rng(seed)
     grid = grids(PROJECTOR)[rng.integers(0, 5)]
     block = rng.integers(0, grid.count, 40)
@@ -379,7 +379,10 @@ def test_without_noise_the_hierarchical_scheme_finds_t(rng: np.random.Generator)
 
 
 def test_light_kept_at_coarse_levels_does_not_leak_into_fine_ones(rng: np.random.Generator) -> None:
-    """A third of the light is far: below τ for every small block, many τ for all blocks of a pattern together."""
+    """A third of the light is far light.
+
+    It is below τ for each small block, but far above τ for all blocks of a pattern.
+    """
     near = sharp_wall(rng)
     truth = with_far_light(near, 0.33)
     done = run(room_of(truth), HierarchicalScheme(Threshold(absolute=0.004)), QUIET)

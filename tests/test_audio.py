@@ -51,7 +51,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class ClockedSink:
-    """Requests a block per BLOCK samples of its own clock, which may run faster than the system's."""
+    """Requests a block for every BLOCK samples of its own clock, which may run faster than the system's clock."""
 
     def __init__(self, clock: Clock, rate: float = 1.0) -> None:
         self._clock, self._began_s, self._rate, self._asked = clock, clock.now, rate, 0

@@ -195,7 +195,7 @@ def test_durations_in_words() -> None:
 
 
 def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Generator) -> None:
-    """With dark noise only, its effect depends on the size of T and the number of entries: closed form."""
+    """With dark noise only, its effect follows in closed form from the size of T and the number of entries."""
     camera, projector = (20, 30), (40, 50)
     entries, value, dark = 5, 0.2, 1e-3
     T = np.zeros((camera[0] * camera[1], projector[0] * projector[1]))

@@ -1,4 +1,4 @@
-"""Commands with several cameras: join, simulate, acquire, build and play; single-camera commands say that they are."""
+"""Commands with several cameras: join, simulate, acquire, build and play; commands for a single camera refuse them."""
 
 import re
 from pathlib import Path

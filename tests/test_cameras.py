@@ -102,7 +102,7 @@ def test_rows_stand_below_each_other(flat: list[RoomSeen], rng: np.random.Genera
 
 
 def test_a_flat_wall_is_one_screen_also_where_only_one_camera_sees_it(flat: list[RoomSeen]) -> None:
-    """Maps between pictures of a plane are projective, and the screen continues the map beyond the overlap."""
+    """Maps between pictures of a plane are projective, and the map is continued beyond the overlap."""
     found, expected = shared(*flat), position_in_first(SECOND, RIGHT)
     error, counts = away(screen_of(found), 1, expected), flat[1][0].mask
     overlap, beyond = counts & (expected[..., 0] < FIRST[1] - 3), counts & (expected[..., 0] > FIRST[1])

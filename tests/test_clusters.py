@@ -28,7 +28,10 @@ Graph = tuple[tuple[Csr, ...], tuple[int, int], tuple[int, int]]
 
 
 def random_graph(rng: np.random.Generator, levels: int = 0, density: float = 0.3) -> Graph:
-    """Three channels with different patterns, weights from 1e-7 to 1e3; `levels` > 0 gives few values, so many ties."""
+    """Three channels with different patterns, and weights from 1e-7 to 1e3.
+
+    With `levels` > 0, many weights are equal.
+    """
     camera, projector = (int(rng.integers(1, 5)), int(rng.integers(1, 6))), tuple(rng.integers(1, 8, 2).tolist())
     shape = math.prod(camera), math.prod(projector)
     weights = 10 ** rng.uniform(-7, 3, (3, *shape))

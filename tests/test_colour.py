@@ -190,7 +190,7 @@ def test_white_asks_the_primaries(rng: np.random.Generator) -> None:
 
 
 def test_white_is_what_a_drive_of_the_primaries_shows_at_its_brightest(rng: np.random.Generator) -> None:
-    """With ambient light: at each pixel's own reach, the largest share of a primary is 1."""
+    """With ambient light, the largest share of a primary is 1 for the brightest grey that a pixel can show."""
     room = coloured_room(rng, paint=0.3, ambient=0.1)
     tier = tier_of(room.calibration, room.transport, "pixel")
     grey = np.repeat(tier.reach.min(axis=2, keepdims=True), 3, axis=2)
@@ -313,8 +313,8 @@ def test_unlike_projectors_on_one_surface_come_near_the_optimum_of_all_primaries
 ) -> None:
     """LEDs next to a colour wheel, against scipy's least squares over all eighteen matrices (thesis eq. 4.6).
 
-    The rest, up to 3 dB of 42, comes from colours that only one projector can show, and from errors that primaries
-    share. The sum of the floodlights alone would lose 15 dB.
+    The remaining difference, up to 3 dB of 42, comes from colours that only one projector shows, and from errors that
+    primaries share. The sum of the floodlights alone would lose 15 dB.
     """
     surface, rooms, (height, width) = rng.integers(1 << 30), [], UNLIKE_PROJECTOR
     for neutral, shift in ((LEDS, (0.0, 0.0)), (WHEEL * tint, (0.3, 0.4))):

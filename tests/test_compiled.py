@@ -225,7 +225,7 @@ def test_the_bytes_are_the_same_on_every_run_and_with_any_threads(
 
 
 def test_no_frame_compiles_anything_once_prepared() -> None:
-    """Pictures of an unforeseen type would compile a pass during a frame. The test has a process of its own."""
+    """Pictures of a type not compiled at startup would compile a pass during a frame. The test has its own process."""
     code = """
 import numpy as np
 from counterlight.show.compiling import compile_passes

@@ -94,7 +94,7 @@ def test_a_projector_beside_its_copy_gives_half_of_the_light(
 
 
 def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path) -> None:
-    """For a target brighter than either projector reaches: PSNR in the overlap, of the camera's predicted picture."""
+    """PSNR of the predicted camera picture in the overlap, for a target that neither projector alone can reach."""
     rooms = simulated(tmp_path, "wall", POSITION, POSITION.replace("0.6", "-0.5"), "24x20", "24x20")
     joint = join(rooms, tmp_path / "joint")
     stored = [calibration.read(room) for room in (*rooms, joint)]
@@ -221,7 +221,7 @@ def test_a_file_holds_the_raster(tmp_path: Path) -> None:
 
 
 def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
-    """A raster of the same size with other regions is refused, because the windows cannot change."""
+    """A raster of the same size with other regions is refused, because the windows cannot change their regions."""
     left, right = write_halves(tmp_path)
     room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
     here("build", room, *options)

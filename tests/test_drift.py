@@ -152,7 +152,7 @@ def test_what_is_shown_arrives_as_it_was_meant() -> None:
 
 
 def test_identity_changes_no_bit_of_what_is_shown(rng: np.random.Generator) -> None:
-    """An identity drift also costs no pass."""
+    """A drift without changes needs no additional pass."""
     plain, frame = random_room(rng, far=False), yuv_frame(rng, (9, 15))
     room = replace(plain, drift=Drift((Moved.nothing(),), None, "nothing has changed"))
     shown = []

@@ -127,7 +127,7 @@ def test_the_warp_puts_the_picture_where_t_says(wall: Path, tmp_path: Path) -> N
 
 
 def test_bounces_and_paint_do_not_move_the_places(tmp_path: Path) -> None:
-    """Each projector pixel lights two camera pixels next to each other; one of them is dark, and some light bounces."""
+    """Each projector pixel lights two adjacent camera pixels, one of which is dark, and some light bounces."""
     rng = np.random.default_rng(4)
     height, width = 9, 14
     pixels = height * width

@@ -50,7 +50,7 @@ DEEDS: tuple[tuple[Callable[[], object], str], ...] = (
 
 
 class Faulty(FileCampaign):
-    """Reader that does everything that readers may not do; its input selects the fault."""
+    """Reader with every fault that a reader may have; its input selects the fault."""
 
     name, count, purpose, hang_s = "faulty", len(DEEDS), "for a test", 2.0
 

@@ -130,7 +130,7 @@ def test_a_budget_without_time_for_the_maps_picture_either_shows_direct_mapping(
 
 
 def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
-    """Three steps end within a decibel of the optimum, and two do not; without a curve, the least is unknown."""
+    """Three steps end within a decibel of the optimum, two do not. Without a curve, the least number is unknown."""
     for offers, least in (((Offer("previous", 0.5, CURVE),), 3), ((), 0)):
         governor = Governor(8, start="previous", offers=offers)
         governor.begin(FRAME_S)

@@ -294,7 +294,7 @@ def test_a_hole_follows_its_nearest_decoded_pixel(rng: np.random.Generator) -> N
 
 
 def test_hole_and_owner_get_the_same_drive(rng: np.random.Generator) -> None:
-    """Their columns are parallel: the minimum-norm solution sends both the same light, like direct mapping."""
+    """The columns of a hole and its cell are parallel, so the minimum-norm solution gives both the same drive."""
     x, y, valid = random_decode(rng)
     mapping = direct_mapping(x, y, valid, PROJECTOR, fill_radius=4)
     T = channel(direct_transport(mapping, rng.uniform(0.1, 1, (x.size, 3)).astype(np.float32)).near, 0).toarray()

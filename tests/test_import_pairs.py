@@ -103,7 +103,7 @@ def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None
 
 
 def test_light_next_to_the_picture_falls_with_the_picture(fitted: Fitted) -> None:
-    """The pairs have no black picture, so that only the halo tells how dark the wall is without light."""
+    """The pairs have no black picture, so that the wall's darkness without light follows only from the halo."""
     black = np.zeros((1, *PROJECTOR, 3), np.uint8)
     error = (fitted.predict(black)[0] - Wall(halo=0.1).light(black[0]))[~fitted.lit]
     assert np.sqrt(np.mean(error**2)) < 0.003  # share of white; 0.0016 here, and 0.008 without a free offset

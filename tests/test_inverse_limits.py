@@ -141,7 +141,7 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
 
 
 def test_small_clusters_beside_large_ones_do_not_make_a_map_look_small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a large room, most rows belong to tiny clusters and are done at once, while most entries belong to windows."""
+    """In a large room, most rows belong to tiny clusters, which are quick, while most entries belong to windows."""
     whole, windowed, each = 9000, 1000, 500
 
     def pieces(first: int, count: int, entries: int, halo: int) -> Piece:

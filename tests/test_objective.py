@@ -97,7 +97,7 @@ def test_how_much_is_seen_does_not_depend_on_paint() -> None:
 
 
 def test_a_pixel_of_less_than_no_light_is_held_like_one_that_nobody_sees() -> None:
-    """The factors of a dense T may give such a pixel, which once made N of T⁺ not positive definite."""
+    """Factors of a dense T may give a pixel a slightly negative value; N of T⁺ was then not positive definite."""
     T = np.kron(np.eye(12), np.ones((2, 1)))
     T[22:] = 0
     gather = np.tile(np.append(np.zeros(11), -1e-9), (3, 1, 1))

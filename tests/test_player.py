@@ -139,7 +139,7 @@ def test_gl_and_cpu_render_the_same_codes(room: Path, tmp_path: Path) -> None:
 def test_a_file_is_rendered_on_the_processor_where_no_gpu_runs_opengl(
     room: Path, tmp_path: Path, gl_context: moderngl.Context
 ) -> None:
-    """This holds on any machine. An explicit backend or path is kept without a comment."""
+    """An explicit backend or path is used on any machine, without a message."""
     software = in_software(gl_context.info["GL_RENDERER"])
     for number, (options, used) in enumerate(
         (

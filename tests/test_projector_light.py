@@ -264,7 +264,7 @@ def test_a_given_response_counts_and_is_compared(rng: np.random.Generator) -> No
 
 
 def test_a_primary_that_is_not_seen_has_the_curve_of_grey(rng: np.random.Generator) -> None:
-    """With a red filter on the camera, or a laser that is off, blue cannot be measured. Acquisition continues."""
+    """With a red filter on the camera, or a laser that is off, blue cannot be measured. The acquisition continues."""
     T = list(channels(sharp_wall(rng).near))
     T[2] = T[2] * 0
     done = acquired(rng, gammas(2.2, 2.2, 2.2), transport=Transport.from_matrices(T))

@@ -158,7 +158,7 @@ def test_the_certificate_of_any_drive_is_a_bound(rng: np.random.Generator) -> No
 
 
 def test_what_a_map_takes_is_counted_in_steps() -> None:
-    """With one entry per row in T and its transpose, a step reads as much as two entries per row of T⁺."""
+    """With one entry per row in T and its transpose, a step reads as many bytes as T⁺ with two entries per row."""
     side, pixels = 12, 144
     one = pack_matrices([sparse.eye_array(pixels, format="csr")] * 3, (side, side), (side, side))
     far = Chain(one, one, one)

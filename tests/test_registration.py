@@ -68,7 +68,7 @@ def test_a_homography_is_found_again_and_so_is_the_lamp(transport: Transport, se
 
 
 def test_what_the_data_do_not_hold_is_not_made_up(transport: Transport) -> None:
-    """A camera that sees the left eighth of the picture cannot tell how the right side has turned."""
+    """If a camera sees only the left eighth of the picture, the rotation of the right side is unknown."""
     few = np.zeros(CAMERA, np.bool_)
     few[:, :10] = True
     arrived = shifted_boxes(PROJECTOR, (0.8, 0.6)) @ picture().reshape(-1, 3)

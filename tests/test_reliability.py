@@ -52,7 +52,7 @@ def test_frames_leave_memory_and_objects_as_they_were(
 
 @pytest.mark.parametrize("cause", [signal.SIGSEGV, signal.SIGSTOP])
 def test_the_last_frame_is_held_and_the_decoder_comes_back(cause: signal.Signals, two_seconds: Path) -> None:
-    """No poll takes a second while the decoder is away, and the decoder is back within five.
+    """No poll takes a second while the decoder is missing, and another decoder runs within five seconds.
 
     The test polls the reader as a session does, and first takes the frames that were already decoded.
     """

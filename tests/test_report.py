@@ -69,7 +69,7 @@ def one_pixel_rooms(T: np.ndarray, ambient: np.ndarray, mask: np.ndarray, white:
 
 
 def test_each_reason_is_found_where_it_was_put() -> None:
-    """One camera pixel per reason: masked, dark, dim, dimmer than white, bright by itself, fine.
+    """One camera pixel per reason: masked, dark, dim, dimmer than white, bright by itself, without a reason.
 
     Two more share a pixel.
     """

@@ -247,7 +247,7 @@ def test_collections_pass_over_what_was_there_before_the_show() -> None:
 
 
 def test_the_figures_of_the_last_ten_seconds_are_of_frames_that_missed_their_time() -> None:
-    """Frames drawn 30 ms late are in time. Frames dropped in a standstill count for 10 s."""
+    """Frames drawn 30 ms late are in time. Frames that were dropped during a standstill count for 10 s."""
     stage = Stage(Reader(count=10_000))
     stage.show.step()
     stage.clock.now += 0.03

@@ -227,7 +227,7 @@ def test_every_projector_pixel_carries_the_same_flux() -> None:
 
 
 def test_no_room_returns_more_than_it_gets() -> None:
-    """Two white cards: radiosity stays below a closed white room's need, and the far light is positive."""
+    """Two white cards: the radiosity converges, unlike in a closed white room, and the far light is positive."""
     scene = small("corner")
     result = simulate(scene)
     assert result.transport.far is not None

@@ -126,7 +126,7 @@ def test_the_halo_is_a_convolution_that_reaches_beyond_the_raster(tmp_path: Path
 
 
 def test_a_halo_is_reflected_like_the_light_that_it_is_made_of() -> None:
-    """Inside the raster, the room with a halo shows what the room without shows of a convolved picture."""
+    """Inside the raster, a picture in the room with a halo equals a convolved picture in the room without a halo."""
     scene = replace(small("corner"), cells=100)
     drive = np.zeros((24, 40))
     drive[9:15, 16:24] = 1

@@ -111,7 +111,10 @@ def until_ready(reader: MediaReader) -> None:
 
 @pytest.mark.parametrize("cause", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_decoder_that_never_gives_a_sign_of_life(cause: signal.Signals, tmp_path: Path) -> None:
-    """A decoder stopped at its start is replaced. If it is killed while opening the medium, the medium is blamed."""
+    """A decoder stopped at its start is replaced.
+
+    If it is killed while opening the medium, the medium is reported as the cause.
+    """
     with MediaReader.begin(write_h264(tmp_path / "clip.mp4", 40)) as reader:
         os.kill(reader.decoder_pid, cause)
         if cause == signal.SIGKILL:

@@ -128,7 +128,7 @@ def test_between_views_steps_end_at_scipys_answer(views: list[PhysicalRoom], sha
 
 
 def test_a_pass_over_the_place_moves_the_drive_without_jumps(views: list[PhysicalRoom]) -> None:
-    """At 60 Hz a viewer moves little per frame, and so does the drive, also where a view's share starts."""
+    """At 60 Hz a viewer moves little per frame, so the drive changes little, even where another view gets a share."""
     renderer, drives = CpuRenderer(as_set(views)), []
     drawn(renderer, ((0, 0),), 64)
     for place in np.linspace(0, 1, 121):

@@ -1,4 +1,4 @@
-"""The player's side of the watching: messages to the watcher, use of its answers, and effects of its faults."""
+"""The player's connection to the watcher: messages to the watcher, use of its answers, and effects of its faults."""
 
 import json
 import subprocess
@@ -75,7 +75,7 @@ class Watched:
         return [each for each in found if kind in ("", each["kind"])]
 
     def told_frozen(self) -> bool:
-        """Whether the latest situation is frozen."""
+        """Whether the correction is frozen in the latest message."""
         return any(each["frozen"] for each in self.messages("Situation")[-1:])
 
     @property

@@ -1,4 +1,4 @@
-"""Changes of a rig's room during a film are found and corrected; other events are reported, not corrected."""
+"""Changes of a rig's room during a film are found and corrected; other events are only reported."""
 
 from dataclasses import replace
 from functools import partial

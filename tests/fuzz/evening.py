@@ -1,7 +1,7 @@
-"""An evening in rounds of a minute: three people at the remote, a stream cut off, a monitor that comes and goes.
+"""An evening in rounds of a minute: three people use the remote, a stream is cut off, a monitor is unplugged.
 
 Each person sends a random command of the page per second. After each round, the settings return to those of a show.
-The picture must be there, moving, on its monitor, with heartbeats in time and memory unchanged.
+A moving picture must then be on its monitor, heartbeats must be in time, and memory must not have grown.
 """
 
 import time

@@ -11,7 +11,10 @@ ENDS = {KILL: (KILLED, 0), REFUSE: (0, 2)}  # 0: struck during its final cleanup
 
 
 class Kills:
-    """Every step of every command is struck in three ways, in random order. Then the command runs again."""
+    """A fault is injected at every step of every command in three ways, in random order.
+
+    Then the command runs again.
+    """
 
     name, count = "kills", 60
     purpose = "commands killed or refused at a step of their writing"

@@ -1,6 +1,7 @@
-"""Hostile names in lists and over the socket, and films that name others, in a real show under a system-call watch.
+"""Hostile names in lists and over the socket, and films that name other files, in a real show with logged system calls.
 
-The show may open nothing outside the border. It may write, run, call or listen to nothing beyond a harmless show.
+The show may open nothing outside the border. It may write, run, call or listen to nothing that a harmless show does
+not.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Evenings of a supervised show under window managers, whose projector is watched: no desktop, decoration or text.
+"""Evenings of a supervised show under window managers: no desktop, decoration or text may reach the projector.
 
 A trial is an evening under one window manager, with EVENTS random events, each followed by both films. The notes
 report the projector's longest black after each kind of event, and the machine's load at the end.

@@ -1,4 +1,6 @@
-"""Files are judged in a separate process, which may crash, hang or use up memory. The warden notices and continues.
+"""Files are judged in a separate process, which may crash, hang or use up memory.
+
+The warden detects this and continues.
 
 python -m tests.fuzz.warden MODULE:CLASS FOLDER      a prisoner: reads trials from its input, a JSON line each
 """

@@ -1,4 +1,4 @@
-"""The audience never sees a desktop: whole evenings under three window managers and none, watched from outside."""
+"""The audience never sees a desktop: whole evenings under three window managers, and without one."""
 
 import os
 import signal
@@ -111,7 +111,7 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
 
 
 def test_a_window_manager_that_dies_and_another_that_begins(room: Path, films: list[Path], tmp_path: Path) -> None:
-    """GLFW would fail an assertion after the manager dies.
+    """GLFW would fail an assertion after the window manager dies.
 
     A new window that covers the projector is covered in turn.
     """

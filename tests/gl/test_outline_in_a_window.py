@@ -46,7 +46,7 @@ def test_it_runs_through_the_windows_of_several_projectors(
     noise_picture: Path,
     tmp_path: Path,
 ) -> None:
-    """Only the first window has the text. The second window shows its part of the line."""
+    """Only the first window has the text. The second window shows only its part of the outline."""
     second = SIDE_BY_SIDE[1]
 
     def handles() -> bool:

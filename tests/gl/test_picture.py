@@ -110,7 +110,7 @@ def test_a_table_matches_the_reference(
 ) -> None:
     """Tables are switched on, off and replaced, also by another type.
 
-    Each is built on first use, and nothing is left.
+    Each table is built on first use, and no GL object is left.
     """
     domains = UNIT, ((-0.1, 0.0, 0.1), (1.1, 0.9, 1.0))
     cubes = [read_cube(write_cube(tmp_path / f"{n}.cube", rng, 5 + 12 * n, domains[n])) for n in range(2)]

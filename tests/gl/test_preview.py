@@ -43,7 +43,7 @@ def marked(display: str) -> float:
 
 
 def press_until(display: str, key: str, reached: Callable[[], bool], process: subprocess.Popen[str]) -> int:
-    """Return how often a key was pressed. The window takes some frames to follow."""
+    """Return how often a key was pressed. The window takes some frames to show the effect."""
     deadline, count = time.monotonic() + PATIENCE_S, 0
     while not reached():
         assert process.poll() is None, process.communicate()

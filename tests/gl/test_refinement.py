@@ -193,7 +193,7 @@ def test_another_start_begins_with_the_next_frame(gl_context: moderngl.Context, 
 def test_frames_in_a_row_match_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, start: str
 ) -> None:
-    """Two similar frames, a cut, a frame without refinement, and a frame after it."""
+    """Two similar frames, a cut, a frame without refinement, and another frame."""
     scene, other = (rng.integers(0, 255, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     darker = (scene * 0.95).astype(np.uint8)
     shown = [(scene, 3), (darker, 3), (darker, 3), (other, 3), (other, 0), (darker, 3)]

@@ -326,7 +326,7 @@ def dense(packed: RowMap) -> np.ndarray:
 def test_a_step_that_does_not_compile_is_refused_with_its_room(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The refusal does not depend on the present view, because a key may turn compensation on later."""
+    """A medium is refused in every view, because a key may switch compensation on later."""
     original = shaders.read_source
     broken = "#version 330 core\nvoid main() { nothing }"
     monkeypatch.setattr(

@@ -180,7 +180,7 @@ def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, 
 def test_a_window_without_a_gpu_is_drawn_by_the_processor(
     xvfb: str, room: Path, picture: Path, tmp_path: Path, gl_context: moderngl.Context
 ) -> None:
-    """A view of another size has its own picture. The shows of other tests request OpenGL, or nothing."""
+    """A view of another size has its own picture. Shows of other tests request OpenGL, or do not select a backend."""
     stats = tmp_path / "stats.json"
     options = "--view", "camera", "--stats", stats, "--image-display-duration", "0.1"
     done = command("play", room, picture, *options, **on(xvfb))
@@ -189,7 +189,7 @@ def test_a_window_without_a_gpu_is_drawn_by_the_processor(
 
 
 def path_of(stats: Path) -> str:
-    """Return what has drawn a show: the processor ("cpu"), or the path of a GPU."""
+    """Return the backend that has drawn a show: the processor ("cpu"), or the path of a GPU."""
     return str(json.loads(stats.read_text())["gpu_path"]["name"])
 
 

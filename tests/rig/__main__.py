@@ -1,6 +1,6 @@
 """python -m tests.rig: quality of the product in rooms that its own simulator did not make.
 
-Each room is acquired, built and shown by the documented commands; an independent simulated camera judges. All of it
+Each room is acquired, built and shown by the documented commands, and judged by an independent camera. All of it
 is simulated: see docs/rig.md for what the columns mean.
 """
 

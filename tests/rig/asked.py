@@ -1,9 +1,9 @@
 """The target that a picture sets in a room, pixel by pixel.
 
-A picture x is stated in the projector's primaries, as on a white screen. The picture wants white · M₀ x at a camera
-pixel, and darkness where no picture stands. M₀ is what the camera sees of the primaries there. The target is as much of
-white · M₀ x as the pixel can show by itself, by some drive of the three floodlights. Beyond the calibrated view, the
-target is a range: from darkness to the light of the uncompensated picture there. No mask is read.
+A picture x is stated in the projector's primaries, as on a white screen. The picture's target is white · M₀ x at a
+camera pixel, and darkness where no picture stands. M₀ is what the camera sees of the primaries there. The target is as
+much of white · M₀ x as the pixel can show by itself, by some drive of the three floodlights. Beyond the calibrated
+view, the target is a range: from darkness to the light of the uncompensated picture there. No mask is read.
 """
 
 from dataclasses import dataclass

@@ -23,7 +23,7 @@ class Lens:
 
     shifts : of red, green and blue, projector pixels right and down.
     scales : of red, green and blue.
-    halo : h, share of a pixel's light. Next to a large white area, the surroundings rise by h/2 of white.
+    halo : h, share of a pixel's light. Next to a large white area, the surroundings become brighter by h/2 of white.
     """
 
     shifts: Pairs = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))

@@ -64,7 +64,7 @@ def covered(rig: Rig, folder: Path, picture: Path, *options: object, seed: int) 
 
 
 def expected_decibels(said: str) -> float:
-    """Returns the quality on the wall that an acquisition expects, from its output."""
+    """Returns the quality on the wall that an acquisition predicts, from its output."""
     found = EXPECTED.search(said)
     assert found, said
     return float(found[1])

@@ -56,7 +56,7 @@ class Truth:
 
     @cached_property
     def emission(self) -> Emission:
-        """H."""
+        """H, the halo of the lens."""
         return Emission(self.lens, self.room.raster)
 
     @property

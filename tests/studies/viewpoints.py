@@ -298,7 +298,7 @@ def errors(name: str) -> None:
 
 
 def picture(name: str, file: Path) -> None:
-    """Write errors of lit pixels midway between two views: nearest view, drives blended, solved between, the best."""
+    """Draw errors midway between two views: nearest view, blended drives, drive solved there, best drive."""
     with TemporaryDirectory() as folder:
         line = Line(SUBJECTS[name], Path(folder))
     views, seen = SETS[2], line.at(COUNT // 2)
