@@ -374,7 +374,7 @@ def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
 
 def refining(case: HardCase) -> Callable[[int], Apply]:
     """Returns a function of the number of steps: the player's default drive of a room with this T."""
-    dark = max(0.0, -float(case.target.min()))  # ambient light, because a camera picture is not negative
+    dark = max(0.0, -float(case.target.min()))  # ambient light is added, because a camera picture is not negative
     grey, mask = (case.T,) * 3, np.ones(case.camera, bool)
     room = cl.Room.from_matrices(
         *grey, camera=case.camera, projector=case.projector, ambient=dark, mask=mask, response="linear"
@@ -402,7 +402,7 @@ METHODS: dict[str, Callable[[HardCase], Apply]] = {
     "map auto": partial(by_map, None, None),
     "map auto cut": partial(by_map, None, CUT),
 }
-SPLIT: dict[str, Callable[[HardCase], Apply]] = {  # split: far light handled separately; thesis: one T, decomposed
+SPLIT: dict[str, Callable[[HardCase], Apply]] = {  # split: far light is handled separately; thesis: one T, decomposed
     "thesis": partial(by_map, 0.0, CUT),
     "split none": partial(by_split, 0.0, 0),
     "split none, clamped": partial(by_split, 0.0, 2),

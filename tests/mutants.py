@@ -211,7 +211,7 @@ def _change_array(content: bytes, rng: Rng) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = [(info.filename, archive.read(info)) for info in archive.infolist()]
-    except Exception:  # damaged already
+    except Exception:  # another mutation has already damaged the file
         return content
     if members:
         at = int(rng.integers(len(members)))

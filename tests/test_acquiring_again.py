@@ -179,7 +179,7 @@ def test_a_folder_camera_does_not_take_yesterdays_captures(tmp_path: Path, capsy
     assert acquire_transport.main([*command, "--force"]) == 0
     truth = read_transport(calibration.read(room)).composition()
     found = read_transport(calibration.read(tmp_path / "out")).composition()
-    # noise is below 1 %; the light of another room would differ by far
+    # noise is below 1 %, and the light of another room would differ by much more
     assert np.corrcoef(truth.ravel(), found.ravel())[0, 1] > 0.99
 
 

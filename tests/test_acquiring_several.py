@@ -111,7 +111,7 @@ def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, t
         light = read_transport(stored) @ exr.read_rgb(drive).astype(np.float64) + stored.calibration.ambient
         columns = np.ma.median(np.ma.array(light[..., 1], mask=~mask), axis=0)
         stripes.append(columns[inside].mean() - columns[edge : OVERLAP.start - 2].mean())
-    assert stripes[0] > 0.011  # 0.03 in the overlap, 0.018 at the left
+    assert stripes[0] > 0.011  # black in the overlap is 0.03, at the left 0.018
     assert abs(stripes[1]) < 0.001  # 8 steps leave this error at pixels of random albedo
 
 

@@ -245,7 +245,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     assert len(names) == 3 + 1 + 3 + 3  # T of three channels and far, primaries, ambient light, mask, interval
     assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])
     one, other = (calibration.read(tmp_path / name).calibration for name in ("direct", "asked"))
-    assert one.projector == other.projector  # including the response
+    assert one.projector == other.projector  # the responses are compared, too
 
 
 def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str], Path]:
@@ -425,7 +425,7 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     found, true = (each.projector.response.to_linear(codes) for each in (acquired, room))
     np.testing.assert_allclose(
         found, true, atol=2e-3
-    )  # sRGB's bend below the first of 17 levels; noise is 10 times smaller
+    )  # sRGB bends below the first of 17 levels; noise is 10 times smaller
     np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # 10 σ of two dark captures
     assert np.mean(acquired.mask == room.mask) > 0.95
     flood = truth.composition().reshape(*room.camera.shape, 3) + room.ambient
@@ -444,7 +444,7 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         T.apply(drive).reshape(flood.shape) for T in (truth, read_transport(calibration.read(tmp_path / "acquired")))
     ]
     seen = [light + each.ambient for light, each in zip(seen, (room, acquired), strict=True)]
-    # Noise explains at most nine tenths of the error in the checks, so that the room may be better than expected.
+    # Noise counts as at most nine tenths of the error in the checks; the room may therefore be better than expected.
     assert 45 < expected < camera_psnr(*seen, acquired.mask, white) + 1
 
     picture = tmp_path / "picture.png"

@@ -169,7 +169,7 @@ def test_the_time_left_is_foretold_from_the_first_minute_on(
     with redirect_stderr(said):
         store = MemoryStore(camera.exposures, averaged=True)
         (done,) = acquire(camera, store, scheme, room.projectors, clock=lambda: camera.now_s)
-    computing = computing_s(truth.shape[0])  # takes no time by the camera's clock
+    computing = computing_s(truth.shape[0])  # solving takes no time by the camera's clock
     whole_s = camera.now_s + computing
     assert whole_s <= 600 - CHECKS_S
     estimates = [(at, seconds_left(line)) for at, line in said.lines if "left" in line or "acquisition" in line]
@@ -258,7 +258,7 @@ def test_options_that_contradict_are_refused(
 class CountingEye(SimulatedEye):
     def __init__(self, projector: Shape, settings: CameraSettings, truth: Transport) -> None:
         super().__init__(room_of(truth, projector=projector), settings, MemoryScreen(projector))
-        self.waited = -1  # a frame skips up to itself
+        self.waited = -1  # a frame skips all frames up to its own
 
     def skip(self) -> None:
         super().skip()

@@ -99,7 +99,8 @@ def test_a_frame_is_the_steps_of_the_dense_transport(rng: np.random.Generator, f
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("projector", compensate=True, steps=5)
-        np.testing.assert_allclose(renderer.linear().reshape(-1, 3), drive, atol=10 * FLOAT32)  # b/T·1 amplifies
+        # division by T·1 amplifies rounding
+        np.testing.assert_allclose(renderer.linear().reshape(-1, 3), drive, atol=10 * FLOAT32)
         renderer.render("camera", compensate=True, steps=5)
         np.testing.assert_allclose(renderer.linear(), seen, atol=10 * FLOAT32)
 

@@ -147,7 +147,8 @@ def test_the_screen_of_a_projector_needs_no_overlap() -> None:
     for (room, _), part, H in zip(rooms, screen.parts, apart, strict=True):
         y, x = np.mgrid[: room.camera.height, : room.camera.width].reshape(2, -1) + 0.5
         looks = np.stack(homography(H)(x, y), axis=1)
-        whole = (np.minimum(looks, np.array(PROJECTOR[::-1]) - looks) > 3 * SPREAD).all(axis=1)  # whole footprints only
+        # only footprints that lie wholly inside
+        whole = (np.minimum(looks, np.array(PROJECTOR[::-1]) - looks) > 3 * SPREAD).all(axis=1)
         error = screen.positions[part].reshape(-1, 2)[whole] - looks[whole]
         offsets.append(np.median(error, axis=0))
         assert np.abs(error - offsets[-1]).max() < 0.1  # projector pixels
@@ -177,7 +178,7 @@ def test_a_camera_beside_its_copy_counts_once(flat: list[RoomSeen]) -> None:
     b = np.repeat(0.5 * room.mask.reshape(-1, 1), 3, axis=1)
     drives = [Box(each).solve(np.concatenate([b] * count)).drive for each, count in ((alone, 1), (both, 2))]
     seen = [T.apply(drive) for drive in drives]
-    assert np.abs(seen[0] - seen[1])[room.mask.ravel()].max() < 0.5 * 1 / 255  # half a code; the solver's gap
+    assert np.abs(seen[0] - seen[1])[room.mask.ravel()].max() < 0.5 * 1 / 255  # half a code, and the gap of the solver
 
 
 def test_shares_add_up_to_the_screens_area(flat: list[RoomSeen]) -> None:
@@ -267,7 +268,7 @@ def test_a_third_camera_sees_no_seam(tmp_path: Path) -> None:
     seen = (result.transport.apply(drive) + result.ambient.reshape(-1, 3)).reshape(72, 96, 3)
     codes = srgb(seen / white) - srgb(np.array(grey))
     inside = [_inside(looks_at(audience, view), view) for view in scene.views]
-    plain = np.abs(codes).max(axis=2) < 20  # without the raster's edge and pixels that no camera sees
+    plain = np.abs(codes).max(axis=2) < 20  # without pixels at the raster's edge and pixels that no camera sees
     for counted in (inside[0] & ~inside[1], inside[0] & inside[1], inside[1] & ~inside[0]):
         assert counted.sum() > 300
         assert np.abs(codes[counted & plain].mean(axis=0)).max() < 1

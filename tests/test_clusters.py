@@ -225,7 +225,7 @@ def test_the_unit_of_light_changes_nothing(rng: np.random.Generator, make, scale
     for parameters in CUTS:
         reference, result = cut(*graph, parameters), cut(*scaled, parameters)
         assert result.report == reference.report
-        # Both sides are float32, and so is the scale.
+        # Both sides, and the scale, are float32.
         np.testing.assert_allclose(
             dense(channels(result.near)), scale * dense(channels(reference.near)), rtol=FLOAT32_SUM
         )

@@ -94,7 +94,7 @@ def test_a_tier_says_what_a_drive_of_any_colour_looks_like(rng: np.random.Genera
     rounding = 3e-6 * np.linalg.cond(neutral)  # float32 T and F, times Q
     np.testing.assert_allclose(tier.seen(drive), seen, atol=rounding)
     asked = tier.asked(seen).reshape(-1, 3)
-    np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=4 * rounding)  # times A
+    np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=4 * rounding)  # rounding, times A
 
 
 def test_without_floodlights_or_as_asked_nothing_changes(rng: np.random.Generator) -> None:
@@ -120,7 +120,7 @@ def test_the_neutral_mixing_is_found_beside_paint_of_any_colour_and_gain(rng: np
     for gains in ((1, 1, 1), (1, 3, 0.5)):
         found = neutral_mixing(F * np.float32(gains), room.calibration.mask)
         primaries = np.diag(gains) @ CROSSTALK
-        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white as the camera defines it
+        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white is defined by the camera
         np.testing.assert_allclose(found, expected, atol=1e-2)  # paint of up to ± 30 % within a primary
 
 
@@ -138,7 +138,7 @@ def test_of_a_large_camera_some_pixels_tell_the_neutral_mixing(
 
 def damaged(room: ColouredRoom, kind: str) -> Calibration:
     F = np.array(room.calibration.primaries)
-    if kind == "signed":  # a camera that corrects colours
+    if kind == "signed":  # sensor data of a camera that corrects colours
         F[0, ::2, ::2, 1] = -0.5 * F[0, ::2, ::2, 0]
     elif kind == "clipped":
         F[:, ::2, ::2] = 0
@@ -186,7 +186,8 @@ def test_white_asks_the_primaries(rng: np.random.Generator) -> None:
     F = np.moveaxis(room.calibration.primaries.astype(np.float64).reshape(3, -1, 3), 0, -1)  # type: ignore[union-attr]
     t = np.linalg.solve(F, np.ones((len(F), 3, 1)))[..., 0]
     expected = np.percentile(1 / t.max(axis=1), 10)
-    assert tier_of(room.calibration, room.transport, "pixel").white == pytest.approx(expected, rel=1e-5)  # float32
+    # rounding to float32
+    assert tier_of(room.calibration, room.transport, "pixel").white == pytest.approx(expected, rel=1e-5)
 
 
 def test_white_is_what_a_drive_of_the_primaries_shows_at_its_brightest(rng: np.random.Generator) -> None:
@@ -321,7 +322,7 @@ def test_unlike_projectors_on_one_surface_come_near_the_optimum_of_all_primaries
         same = np.random.default_rng(surface)
         rooms.append(coloured_room(same, neutral, camera=UNLIKE_CAMERA, projector=UNLIKE_PROJECTOR, shift=shift))
     joint = joined(tmp_path, rooms)
-    # the LEDs' gamut contains the wheel's primaries
+    # the gamut of the LEDs contains the primaries of the colour wheel
     assert [device.colour is None for device in joint.calibration.projectors] == [False, True]
     desired = WHITE * picture(UNLIKE_CAMERA)
     drive = prepare("box", joint.tier.transport, joint.calibration.mask).solve(joint.tier.asked(desired)).drive

@@ -30,7 +30,7 @@ def read_pfm(data: bytes) -> np.ndarray:
     """Returns (height, width, 3), rows as stored."""
     kind, size, scale, values = data.split(b"\n", 3)
     assert kind == b"PF"
-    assert float(scale) < 0  # little-endian
+    assert float(scale) < 0  # a negative scale means little-endian
     width, height = map(int, size.split())
     return np.frombuffer(values, "<f4").reshape(height, width, 3)
 
@@ -97,7 +97,7 @@ def test_the_warp_puts_the_picture_where_t_says(wall: Path, tmp_path: Path) -> N
     (maps,) = read_mpcdi(tmp_path / "out.mpcdi")
     black = np.percentile(room.ambient[room.mask], 99, axis=0)
     inside = room.mask.copy()
-    inside[[0, 1, -2, -1]] = inside[:, [0, 1, -2, -1]] = False  # the light of the wall's edge
+    inside[[0, 1, -2, -1]] = inside[:, [0, 1, -2, -1]] = False  # light from the edge of the wall is left out
 
     def quality(drive: np.ndarray) -> float:
         seen = (T @ drive.ravel()).reshape(*CAMERA, 3) + room.ambient

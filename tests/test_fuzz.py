@@ -98,7 +98,7 @@ def test_a_solver_that_finds_nothing_is_wrong(monkeypatch: pytest.MonkeyPatch, t
     assert Solvers().run(plan).verdicts == {READ: plan.count}
     monkeypatch.setattr(test_solve, "solve", lambda _, system: Found(np.zeros(system.shape[1]), ()))
     wrong = {finding["index"] % len(PROPERTIES) for finding in Solvers().run(plan).findings}
-    assert wrong == {0, 1, 3, 4, 5}  # number 2 holds for any drive
+    assert wrong == {0, 1, 3, 4, 5}  # number 2 is true of any drive
 
 
 DOES = {

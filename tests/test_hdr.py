@@ -106,7 +106,7 @@ def test_the_light_comes_back_within_the_quantisation(
 
 @pytest.mark.parametrize("method", ["debevec", "robertson"])
 def test_what_no_picture_measured_is_bounded(method: str) -> None:
-    # the fifth pixel has contradictory codes
+    # the codes of the fifth pixel contradict each other
     codes = np.array([[255, 0, 0, 128, 255, 0], [255, 0, 251, 255, 240, 1]], np.uint8)
     times = [0.5, 4.0]
     for order in (slice(None), slice(None, None, -1)):  # the bound does not depend on the order

@@ -76,7 +76,7 @@ def test_the_halo_is_what_blurs_add(rng: np.random.Generator) -> None:
     model = Model(slope, offset, (level,))
     added = model.predict(shown) - (slope * shown + offset)
     assert added.min() > 0
-    np.testing.assert_allclose(model.halo(shown), added, rtol=1e-4, atol=1e-6)  # float32
+    np.testing.assert_allclose(model.halo(shown), added, rtol=1e-4, atol=1e-6)  # rounding to float32
 
 
 def test_colour_processing_is_found_without_the_offset_of_its_light(rng: np.random.Generator) -> None:

@@ -97,7 +97,7 @@ def test_noise_alone_is_not_inverted(shape: tuple[int, int]) -> None:
         exact = rng.uniform(size=(shape[0], 4)) @ rng.uniform(size=(4, shape[1]))
         measured = exact * (1 + 1e-3 * rng.normal(size=shape))
         floor = noise_of_matrix(sparse.csr_array(measured), 1e-3)
-        assert np.linalg.norm(measured - exact, 2) <= floor  # the promise of noise_of_matrix
+        assert np.linalg.norm(measured - exact, 2) <= floor  # the bound that noise_of_matrix promises
         with_noise, without_noise = (damped_inverse(measured, np.zeros(()), noise) for noise in (1e-3, 0.0))
         assert np.linalg.norm(with_noise, 2) < 1 / floor
         assert np.linalg.matrix_rank(with_noise, tol=0.1 / np.linalg.norm(exact, 2)) == 4

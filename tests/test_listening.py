@@ -67,7 +67,7 @@ def test_a_socket_that_is_there_listens(tmp_path: Path) -> None:
     for _ in range(100):
         servers.append(ControlServer(path))
         time.sleep(0.001)
-        path.unlink()  # before it is closed, because a closed socket refuses
+        path.unlink()  # the path is removed before the socket is closed, because a closed socket refuses
     stop.set()
     thread.join()
     for server in servers:

@@ -193,7 +193,8 @@ def test_a_ball_lens_has_its_paraxial_focal_length(tmp_path: Path, shape: str) -
     aside, slope = np.sum(rays.origin * sideways, axis=1), np.sum(rays.direction * sideways, axis=1)
     focus = rays.origin[:, 2] - aside / slope * rays.direction[:, 2]
     expected = n * 2 * radius / (4 * (n - 1))
-    np.testing.assert_allclose(1 - focus, expected, rtol=5e-3 if shape == "sphere" else 2e-2)  # spherical aberration
+    # spherical aberration moves the focus
+    np.testing.assert_allclose(1 - focus, expected, rtol=5e-3 if shape == "sphere" else 2e-2)
 
 
 @pytest.mark.parametrize("absorption", [0.0, 2.0])
@@ -316,7 +317,7 @@ def test_without_an_abbe_number_there_is_no_dispersion(tmp_path: Path) -> None:
     for i in range(3):
         assert T[i].data.tobytes() == without[i].data.tobytes()
     red, blue = T[0] / 0.5 - T[2] / 0.7, bent[0] / 0.5 - bent[2] / 0.7
-    assert np.abs(red).max() < 1e-6  # float32
+    assert np.abs(red).max() < 1e-6  # rounding to float32
     assert np.abs(blue).max() > 0.05
 
 

@@ -66,7 +66,8 @@ def test_an_exr_is_compensated_as_the_equation_says(
     succeed("play", *files, "--backend", backend, "--refine", "0")
     stored = calibration.read(room)
     expected = np.clip(drive_of(maps.read_maps(stored), target - stored.calibration.ambient), 0, 1)
-    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the required tolerance
+    # the tolerance that the product promises
+    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)
 
 
 def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -388,7 +389,7 @@ def test_an_interrupt_leaves_the_previous_map(
     for step in (
         "counterlight.maps.row_map.write",
         "counterlight.tools.inverse.near_light.join",
-    ):  # while writing; while computing
+    ):  # one signal during writing, one during computing
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)
             assert build_correction_map.main([str(room)]) == 130

@@ -50,7 +50,7 @@ class Faulty(SimulatedCamera):
         frame, skip, show = self.eye.frame, self.eye.skip, self.screen.show
         self.since, self.mean = 0, -1.0
 
-        def counted_skip() -> None:  # a frame skips one, too
+        def counted_skip() -> None:  # a frame skips one frame, too
             self.since += 1
             skip()
 

@@ -232,7 +232,7 @@ def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.Monk
         until(lambda: other.power == ON, "all")
         asked.switch(None, on=False)
         until(lambda: asked.told()[0]["power"] == asked.told()[2]["power"] == "off", "all off")
-        told = asked.told()  # read before the projectors close, because a question may still be unanswered
+        told = asked.told()  # read before the projectors close, because a question may then remain unanswered
         asked.close()
     assert told[0] == {
         "address": f"127.0.0.1:{slow.port}",

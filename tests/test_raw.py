@@ -270,7 +270,8 @@ def test_a_camera_that_exposes_otherwise_is_reported(tmp_path: Path) -> None:
         for shot, time_s in enumerate(times_s):
             path = tmp_path / "captures" / f"{number:05}_{shot}.dng"
             path.write_bytes(dng(mosaic_of(light), exposure_s=time_s))
-    assert len(camera.capture(0, picture)) == 2  # both have half of the stated exposure; a common factor is harmless
+    # both files have half of the stated exposure; a common factor is harmless
+    assert len(camera.capture(0, picture)) == 2
     assert len(camera.capture(1, picture)) == 2  # 1/20 s and 1/16 s are a third of a stop apart
     with pytest.raises(InputError, match=r"00002_0\.dng: exposed 4 times as much as --exposures says"):
         camera.capture(2, picture)

@@ -64,7 +64,7 @@ def test_a_homography_is_found_again_and_so_is_the_lamp(transport: Transport, se
     found = find(transport, seen)
     assert np.abs(true.displacement(CORNERS)).max() > 0.5
     np.testing.assert_allclose(found.displacement(CORNERS), true.displacement(CORNERS), atol=CORNER)
-    np.testing.assert_allclose(found.gain, 0.87, rtol=2e-3)  # noise of 1 % over 5000 pixels, and T's border
+    np.testing.assert_allclose(found.gain, 0.87, rtol=2e-3)  # noise of 1 % over 5000 pixels, and the border of T
 
 
 def test_what_the_data_do_not_hold_is_not_made_up(transport: Transport) -> None:
@@ -109,7 +109,7 @@ def test_a_camera_s_turn_is_found_again(turned: tuple[float, float], rng: np.ran
     counts[10:-10, 10:-10] = True
     before = light * paint + 1e-3 * rng.standard_normal(paint.shape)
     found = camera_shift(before, after, counts)
-    # error of two interpolations, paint of 3 pixels
+    # error of two interpolations, for patches of paint of 3 pixels
     np.testing.assert_allclose((found.right, found.down), turned, atol=0.03)
     assert found.unsure < 0.01
 

@@ -73,7 +73,7 @@ def test_the_last_frame_is_held_and_the_decoder_comes_back(cause: signal.Signals
             time.sleep(0.01)
         back_s = time.monotonic() - struck_at
         for plane, copy in zip(held.planes, kept, strict=True):
-            np.testing.assert_array_equal(plane, copy)  # a frame that is still held stays unchanged
+            np.testing.assert_array_equal(plane, copy)  # a frame that the reader still holds stays unchanged
         (notice,) = reader.notices()
     assert "restarted" in notice
     assert [frame.index for frame in frames] == list(range(frames[0].index, frames[0].index + len(frames)))

@@ -105,7 +105,7 @@ def test_only_numbers_and_own_names_name_this_machine(host: str, here: bool, net
 
 def test_only_this_page_may_open_a_socket() -> None:
     assert comes_from("http://127.0.0.1:8642", "127.0.0.1:8642")
-    assert comes_from("https://stage.local", "stage.local")  # behind an encrypting proxy
+    assert comes_from("https://stage.local", "stage.local")  # the page was loaded through an encrypting proxy
     for origin in ("null", "", "http://evil.example", "http://127.0.0.1", "http://127.0.0.1:8642.evil.example"):
         assert not comes_from(origin, "127.0.0.1:8642")
 

@@ -142,7 +142,7 @@ def test_the_page_shows_every_picture_and_loads_nothing_else(reported: tuple[Pat
 
 
 def test_the_matrix_picture_holds_far_light_as_if_entry_by_entry(rng: np.random.Generator) -> None:
-    m, n, cells = 700, 530, 5  # larger than the picture's side, and no multiple of it
+    m, n, cells = 700, 530, 5  # larger than the side of the picture, and not a multiple of it
 
     def random(shape: tuple[int, int], density: float) -> list[sparse.csr_array]:
         return [sparse.random_array(shape, density=density, rng=rng, dtype=np.float32).tocsr() for _ in range(3)]

@@ -67,7 +67,7 @@ def test_the_audience_sees_the_same_room(name: str, rng: np.random.Generator) ->
     means = wide.reshape(lattice.audience[0] // FINE, FINE, lattice.audience[1] // FINE, FINE, 3).mean(axis=(1, 3))
     (rows, columns), (height, width) = lattice.border, lattice.camera
     near = small_rig(name).seen(codes).reshape(height, width, 3)
-    assert means[rows:-rows, columns:-columns] == pytest.approx(near, abs=2e-5 * near.max())  # float32
+    assert means[rows:-rows, columns:-columns] == pytest.approx(near, abs=2e-5 * near.max())  # rounding to float32
 
 
 def test_a_camera_that_moves_by_four_samples_sees_its_neighbours_pixels() -> None:
@@ -125,7 +125,7 @@ def test_a_white_segment_adds_to_grey_alone() -> None:
     red[..., 0] = 255
     assert np.array_equal(plain.light(red), segment.light(red))
     assert segment.light(white) == pytest.approx(segment.brightest)
-    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # off by the black level
+    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # the two differ by the black level
 
 
 def test_colour_processing_brightens_saturated_colours_and_is_undone(rng: np.random.Generator) -> None:
@@ -194,7 +194,7 @@ def test_the_optimum_is_well_above_what_is_projected_plainly_and_darkness_is_no_
     assert shown.psnr > 25 > 15 > plainly.psnr
     assert shown.inside > 30
     assert shown.delta_e < 4 < plainly.delta_e
-    assert plainly.everywhere >= plainly.psnr  # outside the view, plain projection is as good as any
+    assert plainly.everywhere >= plainly.psnr  # outside the view, plain projection is as good as any other drive
     black = np.zeros_like(codes)
     assert judge.outside(question, black).flare == pytest.approx(0, abs=1e-6)
     assert judge.outside(question, np.full_like(codes, 255)).flare > judge.outside(question, plain).flare > 0

@@ -130,7 +130,8 @@ def test_drift_by_a_whole_pixel_is_the_picture_shifted(rng: np.random.Generator)
         still, moved = (Truth(small_room(name), light.separate(), shift) for shift in ((0.0, 0.0), (1.0, -2.0)))
         seen = [View(truth, small_room(name).lattice.wide()) for truth in (still, moved)]
         expected = seen[0].rise(np.roll(drive, (-2, 1), axis=(0, 1)).reshape(-1, 3))
-        assert seen[1].rise(drive.reshape(-1, 3)) == pytest.approx(expected, abs=1e-4 * expected.max())  # float32
+        # rounding to float32
+        assert seen[1].rise(drive.reshape(-1, 3)) == pytest.approx(expected, abs=1e-4 * expected.max())
 
 
 def test_the_surroundings_of_white_rise_by_half_the_halo_which_loses_no_light(rng: np.random.Generator) -> None:
@@ -145,7 +146,7 @@ def test_the_surroundings_of_white_rise_by_half_the_halo_which_loses_no_light(rn
     assert middle[: 32 - margin] == pytest.approx(0)
     assert light.sum() == pytest.approx(drive.sum(), rel=1e-5)
     u, v = rng.uniform(size=(40 * 64, 3)), rng.uniform(size=(light.size // 3, 3))
-    assert np.sum(emit(u) * v) == pytest.approx(np.sum(u * emit.adjoint(v)), rel=1e-5)  # float32
+    assert np.sum(emit(u) * v) == pytest.approx(np.sum(u * emit.adjoint(v)), rel=1e-5)  # rounding to float32
 
 
 def test_lateral_colour_is_the_drift_of_red_and_blue(rng: np.random.Generator) -> None:

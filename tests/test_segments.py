@@ -250,7 +250,7 @@ def test_stretches_begin_at_the_nearest_cuts_and_together_are_the_film() -> None
     within = divide(film, 4, carries=True, lead_in=10)
     assert within[-1] == Stretch(65, 75, 100)
     assert within_shots(within, film) == [3]
-    assert within_shots(divide(film, 4, carries=True, lead_in=30), film) == []  # drawn from the cut at 53 on
+    assert within_shots(divide(film, 4, carries=True, lead_in=30), film) == []  # frames are drawn from the cut at 53 on
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 100, 999])

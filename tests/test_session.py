@@ -84,7 +84,7 @@ def test_seeking_goes_from_the_current_position() -> None:
     stage.show.step()
     assert stage.screen.uploaded[-1] == 75
     stage.press("up")
-    assert stage.session.done  # past the end
+    assert stage.session.done  # this is past the end
 
 
 def test_seeking_and_stepping_while_paused() -> None:
@@ -242,7 +242,7 @@ def test_collections_pass_over_what_was_there_before_the_show() -> None:
     stage, frozen = Stage(Reader(count=3)), []
     stage.screen.poll = lambda timeout_s: frozen.append(gc.get_freeze_count()) or [stage.advance(0.04)][:0]  # type: ignore[method-assign]
     stage.show.run()
-    assert min(frozen) > 10_000  # numpy alone has as many
+    assert min(frozen) > 10_000  # numpy alone has this number of objects
     assert gc.get_freeze_count() == 0
 
 

@@ -270,7 +270,7 @@ def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(sta
     assert stage.press("ctrl+r") == "maps and shaders reloaded"
     assert stage.session.renderer is fresh
     assert stage.screen.released
-    assert fresh.uploaded == [here]  # paused: the same frame again
+    assert fresh.uploaded == [here]  # the show is paused, so the same frame comes again
     assert fresh.opened == 1
     assert fresh.adjusted
 

@@ -111,7 +111,8 @@ def test_each_projector_pixel_carries_the_same_light(tmp_path: Path) -> None:
     scene = bent(tmp_path, "projector")
     scene = replace(scene, camera=replace(scene.camera.resized(400, 480), tan_half=(1.2, 1.0)), samples=2)
     landed = simulate(scene).transport.near
-    light = np.bincount(landed.indices, landed.weights[:, 1], landed.columns) * scene.camera.pixel_area * 4  # 2 m away
+    # on a wall 2 m away
+    light = np.bincount(landed.indices, landed.weights[:, 1], landed.columns) * scene.camera.pixel_area * 4
     straight = scene.projector.pixel_area * 4  # a card there has radiance 1: π of irradiance
     # 800 samples per pixel; one line of samples is 3 %. With even irradiance, the corner pixel would have twice the
     # light.

@@ -189,7 +189,7 @@ def test_halos_of_far_light_and_ambient_light() -> None:
     before = sharp.transport.composition() + sharp.ambient.reshape(-1, 3)
     expected = 0.8 * before + 0.2 * (interpolate @ (halo @ (average @ before)))
     after = soft.transport.composition() + soft.ambient.reshape(-1, 3)
-    np.testing.assert_allclose(after, expected, rtol=1e-5)  # float32
+    np.testing.assert_allclose(after, expected, rtol=1e-5)  # rounding to float32
     assert soft.transport.far is not None
     dark = simulate(scene).transport.apply(np.zeros((soft.transport.shape[1], 3)))
     assert not dark.any()
@@ -209,7 +209,7 @@ def test_noise_has_the_variance_of_its_electrons(tmp_path: Path, rng: np.random.
     rounding = 5000 / 4095 / np.sqrt(12)
     assert electrons == pytest.approx(np.sqrt(1000 + 12**2 + rounding**2), rel=0.01)  # 270 000 samples
     assert capture(50 * radiance, camera.sensor, camera.response, rng).min() == 4095  # saturated
-    expected = deviation(camera, np.array([0.4, 2.0]))  # the brightest value is 2, close enough to the percentile
+    expected = deviation(camera, np.array([0.4, 2.0]))  # the brightest value, 2, is close enough to the percentile
     assert expected[0] / 2 == pytest.approx(codes.std(), rel=0.02)
 
 
@@ -223,7 +223,7 @@ def test_photons_of_normal_numbers_are_poissons(mean: float, cores: int) -> None
     capture_noise._MANY_ELECTRONS[cores](electrons, normal)
     found = np.bincount(electrons.astype(int)) / steps
     expected = stats.poisson.pmf(np.arange(found.size), mean)
-    # 5e-4 at mean 16; steps at the ends
+    # 5e-4 at a mean of 16, where the method changes
     np.testing.assert_allclose(found, expected, atol=6e-4 * expected.max() + 3 / steps)
     assert electrons.var() == pytest.approx(mean, rel=1e-3)
 

@@ -129,7 +129,7 @@ def test_a_white_card_has_the_brightness_and_light_falls_with_the_square(tmp_pat
     for z in (0.0, -2.0):
         scene = load_scene(scene_file(tmp_path, plane(z, extra=white), projector="brightness = 3.0", fov="60"))
         values[z] = simulate(scene).transport.composition().reshape(14, 20, 3)[7, 10, 1]
-    assert values[0.0] == pytest.approx(3.0, rel=1e-5)  # float32
+    assert values[0.0] == pytest.approx(3.0, rel=1e-5)  # rounding to float32
     assert values[-2.0] == pytest.approx(3.0 / 4, rel=1e-5)
 
 
@@ -221,7 +221,7 @@ def test_every_projector_pixel_carries_the_same_flux() -> None:
         whole = ((x > 0) & (x < 40) & (y > 0) & (y < 24)).reshape(grid.count, -1).all(axis=1)
         exact = irradiance(scene, points, normals).reshape(grid.count, -1).mean(axis=1)
         assert whole.sum() > 10
-        # About 30 beams hit a cell, so one row of beams is 15 %. The average agrees.
+        # About 30 beams hit a cell, so one more row of beams changes it by 15 %. The average agrees.
         np.testing.assert_allclose(direct[inside][whole], exact[whole], rtol=0.35)
         assert direct[inside][whole].mean() == pytest.approx(exact[whole].mean(), rel=0.02)
 

@@ -155,7 +155,7 @@ def test_frames_of_a_reader_that_was_begun_are_those_of_one_that_was_opened(tmp_
         reader.seek(0.0)
         until_ready(reader)
         reader.seek(1.0)
-        assert number(next_frame(reader).planes) == 0  # picture 25
+        assert number(next_frame(reader).planes) == 0  # this is picture 25 of the file
 
 
 def test_decoder_killed_in_a_later_lap_keeps_the_time(tmp_path: Path) -> None:

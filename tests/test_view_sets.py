@@ -182,5 +182,5 @@ def test_from_a_scene_to_a_picture_between_views(tmp_path: Path) -> None:
         shown.append(cv2.imread(f"{output}").astype(float))
     lit = np.minimum(shown[0], shown[2]) > 0
     between = np.abs(shown[1] - (shown[0] + shown[2]) / 2)[lit]
-    assert np.median(between) < 2  # code values: a matt wall looks the same from both sides
+    assert np.median(between) < 2  # in code values: a matt wall looks the same from both sides
     assert "expected X or X,Y, found '1,2,3'" in fail("join", tmp_path, "--at", "1,2,3", "-o", tmp_path / "other")

@@ -14,7 +14,7 @@ from counterlight.passes.drawing import CHANNELS, Array
 from counterlight.passes.kernel import LINE, PLANE, Whole, inlined, kernel, looked_up, prange, within
 
 SHADER = "planes_to_linear.frag"
-LEAST = 1e-6  # smallest denominator, against division by 0
+LEAST = 1e-6  # smallest denominator, which avoids division by 0
 ZERO, ONE, SMALL = np.float32(0), np.float32(1), np.float32(LEAST)
 RED, GREEN, BLUE = (np.float32(weight) for weight in LUMINANCE)
 RED_2020, GREEN_2020, BLUE_2020 = (np.float32(weight) for weight in LUMINANCE_2020)

@@ -133,7 +133,7 @@ class Bench:
 
     def _resumed(self, command: str, out: Path, clean: Clean) -> tuple[str, str] | None:
         """Run the same command again, as a user would after a power failure."""
-        again = ["--force"] if (out / "made").exists() else []  # the first run had finished its work
+        again = ["--force"] if (out / "made").exists() else []  # the first run had finished, so that the output exists
         run = self.run(command, out, more=again)
         if run.code != 0:
             return CRASHED, f"the next run ended with {run.code}: {run.words}"

@@ -118,7 +118,7 @@ def _calm(process: Any, visitor: Visitor, media: list[str], display: str, heart:
     except AssertionError as error:
         return Trial(HUNG, f"not there within {PATIENCE_S:.0f} s: {error}")
     heart.look()
-    late = heart.longest_s > 3.0  # a second between beats, and two seconds late
+    late = heart.longest_s > 3.0  # allowed: a second between beats, plus a delay of two seconds
     return Trial(HUNG, f"{heart.longest_s:.1f} s between beats") if late else Trial(READ, f"{asked} commands")
 
 

@@ -93,7 +93,7 @@ class WatchedShow:
     def trial(self, names: Sequence[Name], *, remote: bool) -> Trial:
         begun = time.monotonic()
         verdict, words = self._tried(names, remote=remote)
-        seconds = min(time.monotonic() - begun, 1.0)  # of a show whose pictures are shown for at most a second
+        seconds = min(time.monotonic() - begun, 1.0)  # in a show whose pictures are shown for at most a second
         if verdict in (CRASHED, HUNG):
             return Trial(verdict, words, seconds)
         broken = self._rules.broken_by(calls_of(self._log)) + sorted(self._bird.touched())

@@ -37,7 +37,8 @@ from tests.programs import PATIENCE_S, children, descendants, is_running, on, ru
 from tests.remote import Client
 
 EVENTS = 12
-NOTICED_S = 2.0  # of closed hours, so that the supervisor sees them after its player has ended, and forgets crashes
+# duration of closed hours, so that the supervisor notices them after its player has ended, and forgets crashes
+NOTICED_S = 2.0
 DARK, BRIGHT = LEVELS
 
 

@@ -30,7 +30,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
         for name in commands:
             if name.startswith("place-"):
                 client.ask("place")
-            if name not in ("quit", "projector"):  # see test_projectors_are_switched
+            if name not in ("quit", "projector"):  # test_projectors_are_switched runs these commands
                 answer = client.ask(name, *arguments.get(name, []))
                 assert answer["error"] == "success", answer
                 assert name != "screenshot" or Path(folder, answer["data"]).stat().st_size > 100
@@ -86,7 +86,7 @@ def test_a_remote_writes_screenshots_and_a_placement_and_nothing_else(
             ("reload", str(outside)),
         ):
             assert client.ask(*words)["error"] in ("invalid parameter", "error running command"), words
-        client.ask("set_property", "stats", True)  # the page named stats, not a file
+        client.ask("set_property", "stats", True)  # this sets the page named stats, not a file
         for words in (("screenshot",), ("place",), ("place-move", 0.01, 0), ("place-save",), ("reload",)):
             assert client.ask(*words)["error"] == "success"
         new = contents(folder)

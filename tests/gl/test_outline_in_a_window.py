@@ -55,7 +55,7 @@ def test_it_runs_through_the_windows_of_several_projectors(
     with show(xvfb, tmp_path, joint, noise_picture) as (process, client):
         client.ask("place")
         wait_until(handles, "handles in the second window", process)
-        client.ask("set_property", "view", "camera")  # complete in the first window
+        client.ask("set_property", "view", "camera")  # the first window shows the complete outline
         wait_until(lambda: screen(xvfb, second).max() == 0, "black in the second window", process)
         client.ask("set_property", "view", "projector")
         wait_until(handles, "handles in the second window again", process)

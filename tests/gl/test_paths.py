@@ -127,7 +127,7 @@ def test_refined_drives_match_the_reference(
             found, expected = gl.certificate(), cpu.certificate()
             assert found is not None
             assert expected is not None
-            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # float32
+            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # rounding to float32
             assert gl.path.to_dict() == {"name": path, "entry_bytes": 16}
 
 

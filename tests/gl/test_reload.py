@@ -85,7 +85,7 @@ def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
             assert complaint in answer["message"]
         else:
             assert answer["error"] == "success", answer
-        for compensation in (False, True):  # frames drawn from now on
+        for compensation in (False, True):  # both frames are drawn with the new shaders
             assert client.ask("set_property", "compensation", compensation)["error"] == "success"
         shows(wanted)
     playing_copy.terminate()

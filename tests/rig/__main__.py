@@ -40,7 +40,7 @@ def main() -> None:
     faults = [FAULTS[name] for name in names]
     start = time.monotonic()
     with ExitStack() as opened, ThreadPoolExecutor(os.cpu_count()) as pool:
-        opened.enter_context(threadpool_limits(limits=1))  # the trials go side by side
+        opened.enter_context(threadpool_limits(limits=1))  # the trials run in parallel
         folder = options.keep or Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="rig-")))
         for needed in (options.pictures, options.out and options.out.parent):
             if needed:

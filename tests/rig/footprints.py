@@ -100,7 +100,7 @@ def direct_hits(
         ray = start - at
         squared = np.sum(ray**2, axis=1)
         cosine = np.abs(np.sum(ray * normal, axis=1)) / np.sqrt(squared)
-        # the lens' middle is used here: only the ray's direction counts
+        # the middle of the lens represents all its points, because only the ray's direction counts
         leaving = projector.pixels(local - (right, down, 0))
         irradiance = flux(projector, uv) * cosine / (squared * projector.solid_angle(leaving)) / aperture.points
         dark = np.zeros(len(at), np.bool_)

@@ -208,7 +208,7 @@ def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
     weights, rows, columns = (np.concatenate(each) for each in zip(*entries, strict=True))
     R = sparse.csr_array((weights, (rows, columns)), (height * width, counts.size))
     total = np.asarray(R.sum(axis=1)).ravel()
-    known = total > 0.05  # share of a pixel; below it no camera pixel looks there
+    known = total > 0.05  # smallest share of a pixel; with less, no camera pixel looks there
     return Csr(sparse.diags_array(np.divide(1, total, out=np.zeros_like(total), where=known)) @ R), known.astype(float)
 
 

@@ -52,7 +52,7 @@ def known_tags(data: bytes) -> bytes:
         return data
     entries = [data[place : place + ENTRY] for place in range(first, end, ENTRY)]
     kept = [entry for entry in entries if struct.unpack_from(f"{order}H", entry)[0] in KNOWN]
-    index = struct.pack(f"{order}H", len(kept)) + b"".join(kept) + b"\0" * 4  # 0: no further picture
+    index = struct.pack(f"{order}H", len(kept)) + b"".join(kept) + b"\0" * 4  # 0 means that no further picture follows
     return data[:at] + index + data[at + len(index) :]
 
 
