@@ -72,7 +72,7 @@ def _visible(display: str) -> list[Any]:
     connection = Display(display)
     found = []
     for window in connection.screen().root.query_tree().children:
-        with contextlib.suppress(BadDrawable, BadWindow):  # closed meanwhile
+        with contextlib.suppress(BadDrawable, BadWindow):  # the window was closed meanwhile
             if window.get_attributes().map_state == X.IsViewable:
                 found.append(window.get_geometry())
     connection.close()

@@ -100,7 +100,7 @@ def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, t
     found = re.fullmatch(r"black: (\S+) to (\S+) % of white; counterlight play --black-level (\S+) shows it even", line)
     assert found is not None, line
     stored, mask = calibration.read(truth), calibration.read(acquired).calibration.mask
-    inside, edge = slice(OVERLAP.start + 2, OVERLAP.stop - 2), 3  # columns
+    inside, edge = slice(OVERLAP.start + 2, OVERLAP.stop - 2), 3  # columns of the overlap, and width of the edge
     here("build", acquired)
     cv2.imwrite(str(tmp_path / "black.png"), np.zeros((20, 40, 3), np.uint8))
     stripes = []
@@ -156,7 +156,7 @@ def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
     assert expected.screen is not None
     both = room.mask & expected.mask
     away = (room.screen.positions - expected.screen.positions)[both]
-    # in camera pixels; a fifth of a projector pixel
+    # in camera pixels: a fifth of a projector pixel
     assert np.percentile(np.abs(away - np.median(away, axis=0)), 95) < 0.3
 
 

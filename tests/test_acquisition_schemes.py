@@ -183,7 +183,8 @@ def test_energy_is_kept_once(seed: int) -> None:
     parents = BlockLight(grid, np.arange(40), block, quarters.sum(axis=1))
     lit = (rng.random((40, 4)) < 0.5) & (grid.children[block] != NO_CHILD)
     measured, rest = keep_measurable(parents, quarters, lit, np.ones(40, bool))
-    np.testing.assert_allclose(sum_by_camera([measured, *rest], 40), parents.light, rtol=1e-12)  # float64, four terms
+    # float64 sums of four terms
+    np.testing.assert_allclose(sum_by_camera([measured, *rest], 40), parents.light, rtol=1e-12)
 
 
 def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: np.random.Generator) -> None:
@@ -247,7 +248,7 @@ def test_a_small_block_far_from_any_spot_goes_to_its_cell() -> None:
     for lit, expected in ((cell, 3.0), (~cell, 0.0)):  # three channels of 1
         drive = np.repeat(lit.reshape(-1, 1), 3, axis=1).astype(float)
         far = transport.apply(drive) - Transport(transport.near).apply(drive)
-        np.testing.assert_allclose(far[7].sum(), expected, rtol=1e-12)  # float64, 16 terms
+        np.testing.assert_allclose(far[7].sum(), expected, rtol=1e-12)  # float64 sums of 16 terms
 
 
 def test_a_block_that_many_see_is_split_so_that_its_row_fits_a_texture(
@@ -290,7 +291,8 @@ def test_the_error_of_t_is_that_of_dense_matrices(rng: np.random.Generator) -> N
     near = sharp_wall(rng)
     truth, found = with_far_light(near, 0.3), run(room_of(with_far_light(near, 0.3)), HierarchicalScheme())
     for one in (found.measured.transport, near):
-        np.testing.assert_allclose(relative_error(one, truth), error(one, truth), rtol=1e-9)  # float64, 1e5 terms
+        # float64 sums of 1e5 terms
+        np.testing.assert_allclose(relative_error(one, truth), error(one, truth), rtol=1e-9)
 
 
 # Cameras.

@@ -346,7 +346,7 @@ def test_what_is_not_worth_blocks_stays(T: Transport, monkeypatch: pytest.Monkey
     monkeypatch.setattr(blurring, "MANY", 1000)
     monkeypatch.setattr(blurring, "LONG", 1)
     assert blurring.in_blocks(short, 0.0) == (short, None)
-    assert blurring.in_blocks(T, 0.1) == (T, None)  # already in blocks
+    assert blurring.in_blocks(T, 0.1) == (T, None)  # T is already in blocks
     sharp = Transport(rows_of(discs(rng, 0.7)), camera=CAMERA, projector=PROJECTOR)
     assert blurring.in_blocks(sharp, 1e-9) == (sharp, None)
     monkeypatch.setattr(blurring, "BAND", 5000)

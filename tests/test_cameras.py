@@ -120,7 +120,7 @@ def test_a_fold_is_followed(flat: list[RoomSeen]) -> None:
     error = away(screen_of(shared(*bent)), 1, expected)
     overlap = bent[1][0].mask & (expected[..., 0] < FIRST[1] - 3)
     assert overlap.sum() > 200
-    assert np.percentile(error[overlap], 95) < 0.15  # pixels
+    assert np.percentile(error[overlap], 95) < 0.15  # in pixels
 
 
 def test_reflections_do_not_move_the_screen(flat: list[RoomSeen], rng: np.random.Generator) -> None:
@@ -151,7 +151,7 @@ def test_the_screen_of_a_projector_needs_no_overlap() -> None:
         whole = (np.minimum(looks, np.array(PROJECTOR[::-1]) - looks) > 3 * SPREAD).all(axis=1)
         error = screen.positions[part].reshape(-1, 2)[whole] - looks[whole]
         offsets.append(np.median(error, axis=0))
-        assert np.abs(error - offsets[-1]).max() < 0.1  # projector pixels
+        assert np.abs(error - offsets[-1]).max() < 0.1  # in projector pixels
     np.testing.assert_allclose(*offsets, atol=0.02)
 
 

@@ -151,7 +151,7 @@ def damaged(room: ColouredRoom, kind: str) -> Calibration:
     elif kind == "tiny":
         F[:] = F * np.float32(1e-30)
     else:
-        F[:] = F[:1]  # three equal primaries
+        F[:] = F[:1]  # all three primaries are equal
     return replace(room.calibration, primaries=F)
 
 
@@ -372,7 +372,7 @@ def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: n
     light, full = rng.uniform(-0.5, 1.5, (*camera, 3)), rng.uniform(0.2, 1, (*camera, 3))
     light[0] = 0.5 * full[0]
     found, clipped = mixing.within(light, full), np.clip(light, 0, full)
-    assert np.array_equal(found[0], light[0])  # reachable light is unchanged
+    assert np.array_equal(found[0], light[0])  # the light at a reachable target stays unchanged
     assert ((found >= 0) & (found <= full)).all()
     assert mixing.pixel is not None
     matrices = WHEEL @ mixing.pixel.astype(np.float64)
@@ -383,7 +383,7 @@ def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: n
     for y, x in np.ndindex(*camera):
         answer = lsq_linear(matrices[y, x], matrices[y, x] @ light[y, x], (0, full[y, x]), tol=1e-12)
         best[y, x] = np.linalg.norm(answer.fun)
-    assert (off["found"] <= 1.05 * best + 1e-9).all()  # three iterations over the primaries
+    assert (off["found"] <= 1.05 * best + 1e-9).all()  # the reference makes three iterations over the primaries
     assert off["found"].mean() < 1.005 * best.mean()
     assert off["clip"].mean() > 1.02 * best.mean()
     assert np.array_equal(Mixing(WHEEL).within(light, full), clipped)  # one mixing for the room: independent channels

@@ -293,7 +293,7 @@ def test_each_observed_property_is_asked_for_once_a_poll(
         server.poll(lamp)
     lamp.asked = 0
     server.poll(lamp)
-    assert lamp.asked == 3  # gap, path, playlist-pos
+    assert lamp.asked == 3  # the properties gap, path and playlist-pos were read
 
 
 def test_ten_thousand_random_lines_and_it_still_answers(client: Client, lamp: Lamp, rng: np.random.Generator) -> None:

@@ -64,7 +64,7 @@ def test_any_rising_curve_is_measured(name: str) -> None:
     design = np.stack([light, np.ones_like(light)], axis=1)
     scaled = design @ np.linalg.lstsq(design, truth(codes))[0]
     error = (scaled - truth(codes)) / truth(codes).max()
-    assert np.sqrt(np.mean(error**2)) < 0.004  # 700 camera pixels
+    assert np.sqrt(np.mean(error**2)) < 0.004  # the fit uses 700 camera pixels
     assert np.abs(error).max() < 0.015
     assert found.error < 0.005
     assert not found.is_straight

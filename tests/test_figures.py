@@ -210,7 +210,7 @@ def test_another_figure_is_found_and_rounding_is_none() -> None:
     [
         ("0.02", "0.03", True),  # within two units of the last digit
         ("0.02", "0.05", False),
-        ("29.6", "29.9", True),  # within a twentieth
+        ("29.6", "29.9", True),  # this is within a twentieth
         ("365678", "365901", True),
         ("**20** / 1e4", "20 / 1.2e+04", True),
         ("1000", "100", False),

@@ -97,7 +97,7 @@ def test_a_budget_that_cannot_be_met_is_reported_once_with_the_longest_stage() -
     [line] = machine.said
     assert line.startswith("--budget 16 cannot be kept: with 0 steps a frame takes 27 ms (linear 12.0, start 15.0); ")
     assert "build a smaller correction map (counterlight build --inverse none), or" in line
-    governor.begin(FRAME_S)  # another medium
+    governor.begin(FRAME_S)  # another medium begins
     machine.draw(TRIES + 1)  # the first with a step
     assert len(machine.said) == 2
 

@@ -95,7 +95,8 @@ def test_the_light_comes_back_within_the_quantisation(
     low, high = np.full(light.shape, np.inf), np.zeros(light.shape)
     for z, t in zip(codes, times, strict=True):
         used = (z > 0) & (z < 0.98 * top)
-        bounds = [response.to_linear(np.clip((z + step) / top, 0, 1)) / t for step in (-0.51, 0.51)]  # 0.01: the grid
+        # the factor 0.01 is for the grid
+        bounds = [response.to_linear(np.clip((z + step) / top, 0, 1)) / t for step in (-0.51, 0.51)]
         low = np.where(used, np.minimum(low, bounds[0]), low)
         high = np.where(used, np.maximum(high, bounds[1]), high)
     known = ~(merged.saturated | merged.black)

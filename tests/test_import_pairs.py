@@ -48,7 +48,7 @@ def refusal(capsys: pytest.CaptureFixture[str], pictures: Path, photographs: Pat
 
 def test_places_are_found(fitted: Fitted) -> None:
     error = np.linalg.norm(fitted.places.places[1] - Wall().places, axis=-1)[INNER]
-    assert np.median(error) < 0.15  # projector pixels; captures with noise of 0.2 % of white
+    assert np.median(error) < 0.15  # in projector pixels; the captures have noise of 0.2 % of white
     assert np.percentile(error, 95) < 0.5
 
 
@@ -65,7 +65,8 @@ def test_the_halo_is_separated_from_the_response() -> None:
     found = fit_pairs(pictures, captures, additive=True)
     codes = np.repeat(np.linspace(0, 1, 18)[:, None], 3, axis=1)
     error = found.processing.light(codes) - codes**GAMMA
-    assert np.sqrt(np.mean(error**2)) < 0.042  # share of white; 0.037 here, and 0.048 if the response explains the halo
+    # as a share of white: 0.037 here, and 0.048 if the response explains the halo
+    assert np.sqrt(np.mean(error**2)) < 0.042
 
 
 def test_the_halo_is_what_blurs_add(rng: np.random.Generator) -> None:
@@ -98,7 +99,7 @@ def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None
     error = np.sqrt(np.mean((predicted - true)[:, INNER[0], INNER[1]] ** 2))
     shown = fitted.shown(pictures)
     slope, offset, _ = regression(shown, true.astype(np.float32))
-    assert error < 0.012  # share of white; places, response and spread come from 16 noisy captures
+    assert error < 0.012  # as a share of white; places, response and spread come from 16 noisy captures
     assert error < 1.2 * np.sqrt(np.mean((slope * shown + offset - true)[:, INNER[0], INNER[1]] ** 2))
 
 
@@ -106,7 +107,7 @@ def test_light_next_to_the_picture_falls_with_the_picture(fitted: Fitted) -> Non
     """The pairs have no black picture, so that the wall's darkness without light follows only from the halo."""
     black = np.zeros((1, *PROJECTOR, 3), np.uint8)
     error = (fitted.predict(black)[0] - Wall(halo=0.1).light(black[0]))[~fitted.lit]
-    assert np.sqrt(np.mean(error**2)) < 0.003  # share of white; 0.0016 here, and 0.008 without a free offset
+    assert np.sqrt(np.mean(error**2)) < 0.003  # as a share of white: 0.0016 here, and 0.008 without a free offset
 
 
 def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:
@@ -117,7 +118,7 @@ def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:
     assert T.far is not None
     found = (T @ light).reshape(*CAMERA, 3) + ambient_of(fitted)
     error = (found - fitted.predict(picture)[0])[INNER]
-    assert np.sqrt(np.mean(error**2)) < 0.01  # share of white; dropped entries are below 2 % of the largest one
+    assert np.sqrt(np.mean(error**2)) < 0.01  # as a share of white; dropped entries are below 2 % of the largest one
 
 
 def test_content_identifies_the_pairs() -> None:
@@ -147,7 +148,8 @@ def test_the_command_makes_a_room_that_build_accepts(
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)
     assert (stored.calibration.projector.shape, stored.calibration.camera.shape) == (PROJECTOR, CAMERA)
-    assert np.percentile(np.abs(stored.calibration.ambient[INNER] - AMBIENT), 99) < 0.03  # extrapolated to black
+    # the ambient light is extrapolated to black
+    assert np.percentile(np.abs(stored.calibration.ambient[INNER] - AMBIENT), 99) < 0.03
     white = read_transport(stored).composition().reshape(*CAMERA, 3)[INNER]
     np.testing.assert_allclose(np.median(white / (0.9 * Wall().albedo[INNER])), 1, atol=0.05)
     inside, interval, T = [], read_interval(stored), read_transport(stored)
@@ -289,7 +291,7 @@ def test_gains_come_from_pixels_that_are_bright_and_not_saturated() -> None:
     expected = np.tile(np.linspace(0.1, 0.8, 4000).reshape(40, 100, 1), (4, 1, 1, 3))
     captures = 1.2 * expected
     captures[1] = np.where(expected[1] > 0.4, 1, captures[1])  # the brighter half is saturated
-    expected[2] = captures[2] = 0.001  # black
+    expected[2] = captures[2] = 0.001  # an entirely black pair
     gains = capture_gains(expected, captures, np.ones((40, 100), bool))
     np.testing.assert_allclose(gains[:, 0], [1.2, 1, 1, 1.2])
 

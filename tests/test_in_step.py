@@ -101,7 +101,7 @@ def test_a_leader_s_seek_pause_step_and_speed_are_followed() -> None:
     assert pair.shown()[0] == pair.shown()[1]
     count = len(pair.follower.screen.uploaded)
     pair.advance(2)
-    assert len(pair.follower.screen.uploaded) == count  # no new seek
+    assert len(pair.follower.screen.uploaded) == count  # the follower has not sought again
     pair.leader.commands.set("speed", 2.0)
     pair.leader.commands.set("pause", False)
     pair.advance(2)

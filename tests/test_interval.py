@@ -121,7 +121,8 @@ def test_the_expected_quality_leaves_out_the_cameras_noise(rng: np.random.Genera
         "small errors",
         "clear errors",
     ]
-    np.testing.assert_allclose([each.within for each in found], 1.645 * np.sqrt(5) * 0.01, rtol=0.02)  # of a Gaussian
+    # quantiles of a Gaussian
+    np.testing.assert_allclose([each.within for each in found], 1.645 * np.sqrt(5) * 0.01, rtol=0.02)
 
 
 def test_an_interval_is_stored_with_a_room_and_damage_is_refused(rng: np.random.Generator, tmp_path: Path) -> None:

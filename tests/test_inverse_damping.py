@@ -43,7 +43,7 @@ def test_its_error_bounds_hold_and_shrink(rng: np.random.Generator) -> None:
     for steps in (5, 20, 80):
         found = basis(T, b, lambdas, steps, 0.0)
         distance = np.sqrt(np.mean((found.damped(lambdas) - exact.T) ** 2, axis=0))
-        assert np.all(distance <= found.errors(lambdas) + 1e-5)  # the float32 basis
+        assert np.all(distance <= found.errors(lambdas) + 1e-5)  # the basis is float32
         assert np.all(found.errors(lambdas) < previous)
         previous = found.errors(lambdas)
 

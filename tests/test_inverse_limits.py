@@ -131,7 +131,8 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
     near = stacked((blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3)
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
     short, long = (InverseOptions(0.4, max_error, inverse="whole") for max_error in (4.0, 0.0))
-    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", 100)  # windows
+    # clusters are now inverted through windows
+    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", 100)
     needs = [invert_near_light(*arguments, each).T_pinv.indices.size * memory.ENTRY_BYTES for each in (short, long)]
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: sum(needs) // 2)
     monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # enough memory for the work itself

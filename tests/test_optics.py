@@ -98,7 +98,8 @@ def test_rays_bend_as_snell_says(rng: np.random.Generator) -> None:
     bent, _ = refracted(incoming, normals, ratio)
     sines = [np.linalg.norm(np.cross(d, normals), axis=1) for d in (incoming, bent)]
     np.testing.assert_allclose(sines[1], ratio * sines[0], atol=1e-12)
-    np.testing.assert_allclose(np.sum(np.cross(incoming, normals) * bent, axis=1), 0, atol=1e-12)  # in one plane
+    # all three directions are in one plane
+    np.testing.assert_allclose(np.sum(np.cross(incoming, normals) * bent, axis=1), 0, atol=1e-12)
     assert (np.sum(bent * normals, axis=1) < 0).all()
 
 
@@ -154,7 +155,7 @@ def test_a_slab_shifts_what_is_seen_through_it_as_snell_says(tmp_path: Path, abb
     for colour, n in enumerate(indices):
         strongest, found = np.zeros(len(directions)), np.zeros((len(directions), 3))
         for batch in batches:
-            order = np.argsort(batch.throughput[:, colour])  # brightest last
+            order = np.argsort(batch.throughput[:, colour])  # the brightest ray is last
             brighter = batch.throughput[order, colour] > strongest[batch.pixel[order]]
             rows = order[brighter]
             found[batch.pixel[rows]], strongest[batch.pixel[rows]] = batch.point[rows], batch.throughput[rows, colour]

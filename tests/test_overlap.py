@@ -46,7 +46,7 @@ def rooms(rng: np.random.Generator) -> dict[str, Transport]:
 def test_cosines_are_those_of_the_matrix_written_out(
     rng: np.random.Generator, room: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(overlaps, "AT_ONCE", 500)  # many batches
+    monkeypatch.setattr(overlaps, "AT_ONCE", 500)  # small batches, so that there are many
     T = rooms(rng)[room]
     weights = seen_by(T, rng)
     for found, axis in zip(overlap(T, weights, PROJECTOR), (1, 0), strict=True):

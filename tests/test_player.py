@@ -440,4 +440,4 @@ def test_frames_keep_their_times(room: Path, tmp_path: Path, suffix: str) -> Non
     succeed("play", room, clip, "--output", rendered)
     with av.open(f"file:{rendered}") as container:
         found = [float(frame.time) for frame in container.decode(video=0)]
-    np.testing.assert_allclose(found, times, atol=1.1e-3)  # Matroska counts milliseconds
+    np.testing.assert_allclose(found, times, atol=1.1e-3)  # Matroska states times in milliseconds

@@ -259,7 +259,7 @@ def test_a_given_response_counts_and_is_compared(rng: np.random.Generator) -> No
     assert done.coloured.error > 0.3
     assert done.by_measured.error < 2 * done.by_measured.noise + 0.01
     (warning,) = report_on(done, wrong).warnings
-    assert warning.startswith("the given response is up to 28 % of white")  # at code 132
+    assert warning.startswith("the given response is up to 28 % of white")  # the largest difference is at code 132
     assert "leave out --response" in warning
 
 

@@ -73,7 +73,8 @@ def test_noise_is_pooled_and_repeats_are_averaged(rng: np.random.Generator) -> N
     assert np.diff(table, axis=0).min() > 0
     assert 0 < fitted.pooled < 0.01  # a third of a percent, halved by four repeats; differences of two readings
     codes = np.linspace(0, 1, 256)
-    np.testing.assert_allclose(table, curve_of(CURVES["srgb"], codes), atol=0.008)  # five standard deviations
+    # five standard deviations of the noise
+    np.testing.assert_allclose(table, curve_of(CURVES["srgb"], codes), atol=0.008)
 
 
 @pytest.mark.parametrize(

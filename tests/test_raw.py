@@ -204,7 +204,7 @@ def test_a_bracket_is_merged_as_linear_with_its_own_times(rng: np.random.Generat
     assert "44x30, 3 pictures of 0.125 to 2 s, debevec, hat weights, response linear" in ended.stdout
     found = read_rgb(tmp_path / "out.exr")
     step = 1 / (WHITE - 512) / 0.125  # a code of the shortest exposure, which alone measures the brightest light
-    assert np.abs(found - light).max() < 0.51 * step + 1e-3 * light.max()  # plus half-float rounding
+    assert np.abs(found - light).max() < 0.51 * step + 1e-3 * light.max()  # half a step, plus rounding to half-float
 
 
 def test_a_curve_is_refused_for_what_is_linear(
@@ -227,7 +227,7 @@ def test_a_projectors_ramp_in_raw(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert fit_projector_response.main([str(tmp_path), "-o", str(out)]) == 0
     codes = np.linspace(0, 1, 35)[::2]  # codes that were shown
     found = named_response(str(out)).to_linear(np.repeat(codes[:, None], 3, axis=1))
-    assert np.abs(found - codes[:, None] ** 2.2).max() < 1e-3  # 16 384 levels
+    assert np.abs(found - codes[:, None] ** 2.2).max() < 1e-3  # the table has 16 384 levels
     assert fit_projector_response.main([str(tmp_path), "--camera-response", "srgb", "-o", str(out)]) == 2
     assert "is camera RAW, which is linear" in capsys.readouterr().err
 

@@ -56,7 +56,8 @@ def test_training_follows_the_slope_of_ssim(rng: np.random.Generator) -> None:
         step = np.zeros_like(a)
         step[at] = 1e-4
         low, high = (measured((a + sign * step)[None], b[None], np.ones(a.shape[:2], bool)).ssim for sign in (-1, 1))
-        assert slope[at] == pytest.approx((high - low) / 2e-4 * a.size, rel=1e-4)  # second-order differences
+        # second-order differences of the loss
+        assert slope[at] == pytest.approx((high - low) / 2e-4 * a.size, rel=1e-4)
 
 
 def test_a_network_learns_colours_that_depend_on_the_neighbourhood(

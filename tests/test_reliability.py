@@ -43,7 +43,7 @@ def test_frames_leave_memory_and_objects_as_they_were(
         for _ in range(WARM_UP):
             draw()
         before, objects, decoder = sizes(reader), live_objects(), reader.decoder_pid
-        assert all(draw() for _ in range(FRAMES))  # pictures, not black
+        assert all(draw() for _ in range(FRAMES))  # the pictures are not black
         assert live_objects() == objects
         assert reader.decoder_pid == decoder
         assert min(before) > 1 << 20

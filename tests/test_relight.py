@@ -100,7 +100,7 @@ def test_the_inverse_views_sum_the_players_inverse(rng: np.random.Generator, far
     np.testing.assert_allclose(found.apply_transpose(full).reshape(-1, 3), T_pinv.sum(axis=1).T, **tolerance)
     p, c = rng.uniform(size=(*PROJECTOR, 3)), rng.uniform(size=(*CAMERA, 3))
     forth, back = np.sum(found.apply(c) * p), np.sum(c * found.apply_transpose(p))
-    assert forth == pytest.approx(back, rel=1e-9, abs=1e-9)  # as above
+    assert forth == pytest.approx(back, rel=1e-9, abs=1e-9)  # the same tolerance as above
 
 
 def test_the_white_level_is_positive_whatever_the_picture() -> None:

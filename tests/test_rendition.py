@@ -61,7 +61,7 @@ def test_light_below_the_knee_is_colour_science_s(rng: np.random.Generator, tran
     """On a screen as bright as the medium, no tone is bent. Colours within BT.709 are only converted."""
     frame = colours(rng, transfer, primaries="bt2020", peak_nits=10_000.0)
     for plane in frame.planes[1:]:
-        plane[...] = frame.planes[0] + 0.15 * (plane - frame.planes[0].astype(float))  # near grey
+        plane[...] = frame.planes[0] + 0.15 * (plane - frame.planes[0].astype(float))  # colours near grey
     codes = codes_of(frame)
     nits = colour.models.eotf_ST2084(codes) if transfer == "pq" else colour.models.eotf_BT2100_HLG(codes, L_W=1000)
     target = 10_000.0 if transfer == "pq" else 1000.0

@@ -100,7 +100,7 @@ def test_the_figures_are_those_of_the_room(reported: tuple[Path, Path]) -> None:
     floodlight = transport.composition().reshape(*ROOM_CAMERA, 3) + stored.calibration.ambient
     assert figures["white"] == room.white
     median = figures["floodlight_inside_mask"]["percentile_50"]
-    assert median == pytest.approx(np.median(floodlight), rel=1e-9)  # float64
+    assert median == pytest.approx(np.median(floodlight), rel=1e-9)  # float64 rounding
     lengths = unpack(room.correction).lengths
     assert figures["rows"]["entries"] == lengths.sum()
     assert figures["rows"]["longest"] == lengths.max()
@@ -121,7 +121,7 @@ def test_condition_and_rank_are_numpys(reported: tuple[Path, Path]) -> None:
     luminance = sum(w * T.toarray().astype(float) for w, T in zip(weights, channels(transport.near), strict=True))
     sigma = np.linalg.svd(luminance[:, luminance.any(axis=0)], compute_uv=False)
     figures = json.loads((where / "report.json").read_text())
-    assert figures["clusters"]["count"] == 1  # blur connects everything
+    assert figures["clusters"]["count"] == 1  # blur connects all pixels
     (system,) = figures["spectra"]["systems"]
     assert system["kind"] == "cluster"
     assert system["rank_deficit"] == 0

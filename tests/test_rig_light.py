@@ -267,4 +267,4 @@ def test_a_bumpy_pane_moves_light_and_loses_none(rng: np.random.Generator) -> No
     for pane in (Pane(1.5, 0.02, 1.0, NO_WAVES, 0.0), Pane(1.5, 0.02, 1.5, waves, 0.0)):
         W = footprints(light_behind(pane, projector, behind, points, numbers, ghost=False), n * n, (12, 12))
         totals.append(W.sum())
-    assert totals[1] == pytest.approx(totals[0], rel=5e-3)  # 160 000 samples
+    assert totals[1] == pytest.approx(totals[0], rel=5e-3)  # means of 160 000 samples

@@ -50,7 +50,7 @@ def test_the_roughest_lobe_at_normal_incidence_has_a_closed_form() -> None:
 def test_a_coat_over_white_paint_returns_at_most_what_it_gets(roughness: float, head_on: float) -> None:
     for degrees in (0.0, 30.0, 60.0, 75.0, 85.0):
         paint = (1 - gloss.fresnel(np.cos(np.radians(degrees)), head_on)) * (1 - gloss.mean_fresnel(head_on))
-        assert directional_albedo(roughness, degrees, head_on) + paint <= 1 + 1e-6  # quadrature
+        assert directional_albedo(roughness, degrees, head_on) + paint <= 1 + 1e-6  # error of the quadrature
 
 
 def test_the_sampler_draws_the_lobe_and_no_other() -> None:

@@ -69,7 +69,7 @@ def test_views_share_a_screen_and_stay_calibrations_of_their_own(folders: list[P
     offset = first.positions.reshape(-1, 2) - np.stack(_centres(), axis=1)
     found, counts = second.positions.reshape(-1, 2) - offset, rooms[1].calibration.mask.ravel()
     away = np.linalg.norm(found - np.stack([x, y], axis=1), axis=1)[counts]
-    assert np.median(away) < 0.05  # pixels; centres of footprints
+    assert np.median(away) < 0.05  # in pixels: error of the centres of footprints
     assert np.percentile(away, 99) < 0.5
     alone = read_transport(calibration.read(folders[1]))
     together = read_transport(rooms[1])

@@ -154,5 +154,5 @@ def test_the_command_says_what_effects_are_worth() -> None:
     said = succeed("simulate", scene, "--explain", "--camera", "40x24", "--projector", "32x20")
     lines = {line.split()[0]: line.split() for line in said.splitlines()}
     assert lines["effect"][5] == "dB"
-    assert float(lines["inter_reflection"][6]) > 1  # dB; the percent sign of the energy is a separate word
+    assert float(lines["inter_reflection"][6]) > 1  # in dB; the percent sign of the energy is a separate word
     assert "decibels are a number of at least 0" in fail("simulate", scene, "--explain", "--within=-1dB")

@@ -18,7 +18,7 @@ LEAST = 1e-6  # smallest denominator, which avoids division by 0
 ZERO, ONE, SMALL = np.float32(0), np.float32(1), np.float32(LEAST)
 RED, GREEN, BLUE = (np.float32(weight) for weight in LUMINANCE)
 RED_2020, GREEN_2020, BLUE_2020 = (np.float32(weight) for weight in LUMINANCE_2020)
-AS_IT_IS = np.array([0, 1], np.float32)  # identity transfer table
+AS_IT_IS = np.array([0, 1], np.float32)  # a transfer table that changes nothing
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from counterlight.errors import InputError
 
-MAX_ADDRESS = 107  # bytes of a socket path on Linux; other systems allow a few less
+MAX_ADDRESS = 107  # bytes of a socket path on Linux; other systems allow a few bytes less
 _UNBORN = re.compile(r"\.([0-9a-f]{1,7})\.new")  # a socket that does not listen yet; the digits are its process
 
 

@@ -39,7 +39,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
         assert all(found[name]["message"] == "no audio" for name in WITHOUT_SOUND)
         wanted = {"view": "camera", "contrast": 2, "osd": "off", "pause": True, "refine": 8, "placing": False}
         assert {name: found[name]["data"] for name in wanted} == wanted
-        assert len(found["playlist"]["data"]) == 1  # after playlist-clear
+        assert len(found["playlist"]["data"]) == 1  # the command playlist-clear has run
         for name, values in properties.items():
             error = client.ask("set_property", name, found[name].get("data", 50))["error"]
             refusal = "error running command" if name in WITHOUT_DEVICE else "success"

@@ -27,7 +27,7 @@ def test_the_outline_comes_and_goes(xvfb: str, plain_room: Path, noise_picture: 
         wait_until(plain, "the picture", process)
         for view in ("projector", "camera"):
             assert client.ask("place")["error"] == "success"
-            for _ in range(3):  # below the text
+            for _ in range(3):  # a region below the text
                 assert client.ask("place-corner")["error"] == "success"
             assert client.ask("set_property", "view", view)["error"] == "success"
             wait_until(handle, "the handle of the lower right corner", process)

@@ -151,7 +151,8 @@ def test_the_drive_matches_the_reference_after_any_steps(
             assert expected is not None
             np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # rounding to float32
             scale = expected.squared_error.sum()
-            np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * scale)  # g nearly cancels
+            # the parts of g nearly cancel
+            np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * scale)
 
 
 @pytest.mark.parametrize("steps", [0, 3])

@@ -192,7 +192,8 @@ def test_stored_codes_become_the_light_that_the_standards_say(gl_context: modern
         for renderer in renderers:
             desired = renderer.desired()
             rows, columns = (np.array(desired.shape[:2]) * [[1], [3]] // [[4], [4]])[:, 0], [2, 8, 14]
-            np.testing.assert_allclose(desired[np.ix_(rows, columns)], light, atol=2e-6)  # table interpolation
+            # error of the table's interpolation
+            np.testing.assert_allclose(desired[np.ix_(rows, columns)], light, atol=2e-6)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from tests.rig.rays import FloatArray, Pinhole, Rectangle
 
 LENS = 0.3  # σ of a focused lens, projector pixels
 CUT = 3.0
-CHUNK = 1 << 18  # hits per chunk
+CHUNK = 1 << 18  # number of hits per chunk
 VIGNETTING = 0.15  # loss of flux, at half the raster's width from the axis
 
 

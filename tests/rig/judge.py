@@ -13,7 +13,7 @@ from tests.rig.rays import FloatArray
 from tests.rig.rig import Rig
 
 BLUR = 2.0  # σ of the blur of `Figures.smooth`, camera pixels
-BORDER = 4  # camera pixels
+BORDER = 4  # width of the border, in camera pixels
 BLOCK = 8  # audience's pixels per side, for flares
 SRGB_WHITE = 0.9505, 1.0, 1.089
 

@@ -51,7 +51,7 @@ COUNT = 22  # viewpoints along the line
 SETS = {1: [10], 2: [0, 21], 4: [0, 7, 14, 21], 8: [0, 3, 6, 9, 12, 15, 18, 21]}
 SEEN = range(1, COUNT, 2)
 TO_THE_END, PLAYED = 256, 8  # steps of refinement: to convergence, and as played
-WHITE_ERROR = 60  # code values; an error that is drawn white
+WHITE_ERROR = 60  # error, in code values, that is drawn white
 ROUGH = "gloss = { reflectance = 0.06, roughness = 0.35 }"
 
 

@@ -16,7 +16,7 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.plan import Codes, Pattern, Reference
 from counterlight.tools.transport.transport import Transport
 
-CELL = 4  # projector pixels; side of the random cells
+CELL = 4  # side of the random cells, in projector pixels
 GREYS, COLOURS = (48, 208), (32, 224)  # code values that are neither near black nor clipped
 CLEARLY_LIT = 10  # multiple of the noise; in darker pixels, the shares of the primaries are unknown
 SEED = 20060504

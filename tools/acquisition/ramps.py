@@ -32,7 +32,7 @@ MOST_UNADDED = 0.03  # colours may miss white by this share of white, plus SUREL
 SURELY = 4
 SAMPLES = 65  # samples of a white segment
 UNSEEN = 1e-6  # share of the brightest primary's squared light
-EXACT = 1e-6  # share of the brightest light; least error assumed of a capture
+EXACT = 1e-6  # least error assumed of a capture, as a share of the brightest light
 
 
 @dataclass(frozen=True)

@@ -228,7 +228,8 @@ class FfmpegSource:
         time_base = self._stream.time_base or Fraction(0)
         if self._stream.duration is not None and time_base:
             declared = float(self._stream.duration * time_base)
-        elif clock := re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", self._stream.metadata.get("DURATION", "")):  # Matroska
+        # Matroska states a duration in this form
+        elif clock := re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", self._stream.metadata.get("DURATION", "")):
             declared = sum(float(part) * unit for part, unit in zip(clock.groups(), (3600, 60, 1), strict=True))
         else:
             return None

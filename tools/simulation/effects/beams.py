@@ -171,7 +171,8 @@ def _bundle(
     whole = np.zeros(len(cells), bool)
     if pitch is not None:
         u, v, front = landed.u[corner], landed.v[corner], landed.front[corner]
-        whole = there.all(axis=1) & (front == front[:, :1]).all(axis=1) & (np.ptp(u, axis=1) < 0.5)  # else: seam
+        # the other cells are cut by a seam
+        whole = there.all(axis=1) & (front == front[:, :1]).all(axis=1) & (np.ptp(u, axis=1) < 0.5)
         beams = Beams(u[whole], v[whole], front[whole, 0], pixel[whole], flux[whole].sum(axis=1))
         yield from _patches(shape, int(landed.surface[0]), beams, pitch)
     alone, corners = np.nonzero(there & ~whole[:, None])
