@@ -210,7 +210,7 @@ def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Genera
     assert error_by_noise(room, seen) == pytest.approx(0.949 * exact, rel=0.08)
 
 
-# The choice stays on disk, and for the command.
+# The choice is stored on disk, and applies to later runs of the command.
 
 
 def test_what_was_chosen_stays_chosen(tmp_path: Path) -> None:

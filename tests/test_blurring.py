@@ -302,7 +302,7 @@ def gaussian_room(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def best_error(T: NDArray[np.float64], by: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Returns Σ (T p − b)² of the best drive p in 0..1 for `by` (projected gradients, Nesterov's momentum)."""
+    """Returns Σ (T p − b)², where p in 0..1 is the best drive by `by` instead of T (accelerated projected gradient)."""
     curvature = np.linalg.norm(by, 1) * np.linalg.norm(by, np.inf)
     p = before = np.full(by.shape[1], 0.5)
     for step in range(300):

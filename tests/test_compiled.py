@@ -343,7 +343,7 @@ def test_compiling_is_said_only_where_something_is_compiled(
         monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
     function, signatures = of_combined()
     said = []
-    for _ in range(2):  # stands for two processes
+    for _ in range(2):  # one round for each of two processes
         made = kept(parallel=True, error_model="numpy")(function)
         monkeypatch.setattr(kernel, "KERNELS", [lambda made=made: (made, signatures)])
         compile_passes()

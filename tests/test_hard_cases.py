@@ -181,7 +181,7 @@ def test_weights_from_1e_7_to_1e3_lose_no_more_than_the_cut_off(method: str) -> 
 
 
 def test_weights_from_1e_7_to_1e3_within_bounds() -> None:
-    """b is reachable: nnls finds every drive, and box reaches the gap of its certificate."""
+    """b is reachable: nnls finds the exact drive, and box comes within the gap of its certificate."""
     case = hard.graded_weights()
     p = hard.rng(3).uniform(0.1, 0.9, 12)
     np.testing.assert_allclose(unclamped(case, "nnls"), p, atol=1e-4)  # condition 1e10 in float64

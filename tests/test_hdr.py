@@ -247,7 +247,7 @@ def well_exposed(codes: list[np.ndarray]) -> np.ndarray:
 def test_a_real_bracket_merges_as_colour_hdri_merges_it(
     real_bracket: tuple[Path, list[np.ndarray], list[float]], method: str, stops: float
 ) -> None:
-    """With sRGB as the given response. The tolerance is in stops, because the reference averages E unweighted."""
+    """The given response is sRGB. The tolerance is in stops, because the reference averages E without weights."""
     folder, codes, times = real_bracket
     with np.load(folder / "reference_colour_hdri_0.2.6.npz") as reference:
         theirs = reference["hdr_srgb_decoded_rgb"]

@@ -84,7 +84,7 @@ def test_errors_of_whole_captures_count_as_captures(rng: np.random.Generator) ->
 
     interval = fit_interval(*unsteady(60), COUNTED)
     inside = [interval.inside(p, c)[COUNTED].mean() for p, c in zip(*unsteady(60), strict=True)]
-    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)  # deviation of 0.1 per capture
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)  # the gain of a capture has a deviation of 0.1
     assert np.min(inside) < 0.85
 
 
@@ -96,7 +96,8 @@ def test_gains_that_the_held_back_captures_do_not_have_are_added(rng: np.random.
     captured = captured * (1 + gains * rng.normal(size=(60, 1, 1, 3)))
     widths = np.stack([interval.half_width(each) for each in predicted])
     found = coverage(widths, predicted, captured, COUNTED)
-    np.testing.assert_allclose([found.share, *found.thirds], 0.9, atol=0.035)  # deviation of 0.1 per capture
+    # the gain of a capture has a deviation of 0.1
+    np.testing.assert_allclose([found.share, *found.thirds], 0.9, atol=0.035)
     steady = np.stack([fit_interval(*captures(rng, 24), COUNTED).half_width(each) for each in predicted[:9]])
     assert coverage(steady, predicted[:9], captured[:9], COUNTED).thirds[2] < 0.8
 

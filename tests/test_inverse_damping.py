@@ -130,6 +130,6 @@ def test_no_candidate_is_below_the_noise(rng: np.random.Generator) -> None:
 
 
 def test_a_single_weight_is_known_to_a_fifth() -> None:
-    """A cluster of one pixel each is dropped if five standard deviations reach its weight: 1 + 1 + 3."""
+    """In a cluster of one pixel each, row, column and 3 entries count: weights below 5 times the noise are dropped."""
     for noise, expected in ((0.19, 1 / 3), (0.21, 0.0)):
         assert damped_inverse(np.array([[3.0]]), np.zeros(()), noise)[0, 0] == pytest.approx(expected, rel=1e-12)

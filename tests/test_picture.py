@@ -94,7 +94,7 @@ def test_the_controls_mean_what_they_mean_in_mpv(adjustments: Adjustments, formu
 
 
 def test_saturation_uses_the_luma_of_the_medium(rng: np.random.Generator) -> None:
-    """Without colour, only the luma plane remains, for any colour matrix."""
+    """At saturation −100, the picture equals the luma plane, for any colour matrix."""
     for matrix in ("bt601", "bt709", "bt2020"):
         frame = yuv_frame(rng, (24, 32), matrix=matrix, full_range=True, transfer="linear")
         room = diagonal_room(1.0, 0.0)

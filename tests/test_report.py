@@ -88,7 +88,7 @@ def test_each_reason_is_found_where_it_was_put() -> None:
         {"bright_black"},
         set(),
         {"conflict"},
-        set(),  # the bright pixel dominates least squares: p = 5.5 / 101 misses its target by 0.0446 < 0.05
+        set(),  # the bright pixel dominates the least squares p = 5.5 / 101, and misses its target by 0.0446 < 0.05
     ]
 
 

@@ -52,7 +52,7 @@ def test_every_camera_is_balanced_and_its_colours_are_found_again(name: str) -> 
 def test_real_primaries_mix_by_a_fifth_to_two_fifths() -> None:
     for name in ("led", "wheel"):
         shares = 1 - np.diag(light.LIGHTS[name]().of_white())
-        assert np.all((shares > 0.15) & (shares < 0.45)), name  # required are 20 to 30 %; raw values reach 50
+        assert np.all((shares > 0.15) & (shares < 0.45)), name  # 20 to 30 % are required; raw values reach 50 %
 
 
 def test_a_closed_room_is_a_furnace() -> None:

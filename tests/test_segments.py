@@ -42,7 +42,7 @@ def shot(rng: np.random.Generator, length: int) -> list[tuple[np.ndarray, np.nda
 
 
 def packets(path: Path) -> list[tuple[bytes, int | None]]:
-    """Return the packets and times of a film. Whole files differ, because Matroska's identifiers are random."""
+    """Return the packets and times of a film, because whole files differ by Matroska's random identifiers."""
     with av.open(str(path)) as container:
         return [(bytes(packet), packet.pts) for packet in container.demux() if packet.size]
 

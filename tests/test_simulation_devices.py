@@ -100,7 +100,8 @@ def test_a_camera_sees_what_opencv_remaps(tmp_path: Path) -> None:
     expected = cv2.remap(blurred, *(place.astype(np.float32) for place in places), cv2.INTER_LINEAR)
     whole = (seen > 0.2).all(axis=-1) & (cv2.erode((expected > 0.2).astype(np.uint8), np.ones((3, 3)))[..., 0] > 0)
     assert whole.sum() > 60
-    np.testing.assert_allclose(seen[whole], expected[whole], rtol=0.03)  # projector pixels are steps of a tenth
+    # the picture has steps of a tenth from projector pixel to projector pixel
+    np.testing.assert_allclose(seen[whole], expected[whole], rtol=0.03)
 
 
 def test_each_projector_pixel_carries_the_same_light(tmp_path: Path) -> None:

@@ -429,7 +429,7 @@ def with_options(arguments: Sequence[str], *options: str) -> list[str]:
 
 
 def _end_with_parent(parent: int) -> Callable[[], None]:
-    """Return a function for a child to run between fork and exec: the child then ends with a killed supervisor."""
+    """Return a function that a child runs between fork and exec, so that it ends when the supervisor is killed."""
 
     def ask() -> None:
         _prctl(_SET_PDEATHSIG, signal.SIGKILL)

@@ -34,7 +34,8 @@ SHOW: dict[str, object] = {
     **{"corners": None, "flicker": 0.0, "clipping": False, "budget": "no", "within": "no"},
     **{"monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
 }
-HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and properties without a kind to draw from
+# paths, and properties whose kind gives no random values
+HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}
 DARK = 20  # code value; the clip's pictures have brighter places
 
 

@@ -53,7 +53,7 @@ class FileCampaign(ABC):
 
     @abstractmethod
     def open(self, folder: Path) -> None:
-        """Prepare to draw and judge, in any process."""
+        """Prepare for `draw` and `judge`; called in every process that runs one of them."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator) -> Case: ...

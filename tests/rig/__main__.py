@@ -116,8 +116,8 @@ def _parser() -> argparse.ArgumentParser:
         "--coverage", action="store_true", help="count captured pixels inside the 90 %% interval instead"
     )
     parser.add_argument("--live", action="store_true", help="watch a playing window in real time (docs/watch.md)")
-    parser.add_argument("--event", nargs="+", choices=EVENTS, default=["drift"], help="for --live (default drift)")
-    parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="for --live (default clip)")
+    parser.add_argument("--event", nargs="+", choices=EVENTS, default=["drift"], help="event of --live (default drift)")
+    parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="film of --live (default clip)")
     parser.add_argument("--warm", type=float, default=30.0, metavar="S", help="seconds of film before the event (30)")
     parser.add_argument(
         "--after", type=lambda text: [float(word) for word in text.split(",")], metavar="S,S…",

@@ -21,11 +21,11 @@ from tests.rig.view import View
 BoolArray = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 
-LIT = 0.01  # share of the 99th percentile of direct light
+LIT = 0.01  # light of a lit pixel, as a share of the 99th percentile of direct light
 GLIMMER = 0.001  # share of the 99th percentile of all light; brighter pixels measure light outside the picture
 BRIGHT = 99.0
 NEARBY = 8  # audience's pixels per side: tolerance for the position of the uncompensated picture's light
-PIXEL_STEPS = 100  # steps for three unknowns per pixel
+PIXEL_STEPS = 100  # number of steps for the three unknowns of a pixel
 
 
 @dataclass(frozen=True)

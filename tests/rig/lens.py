@@ -14,7 +14,7 @@ from tests.rig.rays import FloatArray
 Pairs = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 REACH = 96 / 1024  # reach of the halo, as a share of the raster's width
-SIGMAS = 2.0  # standard deviations within REACH
+SIGMAS = 2.0  # REACH in standard deviations of the halo
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, me
 from counterlight.tools.acquisition.recording import Part, Recorder, Store, StoredCaptures
 from counterlight.tools.acquisition.wander import Wander, wander_of
 
-MOST_SATURATED = 0.02  # share of the camera's pixels
+MOST_SATURATED = 0.02  # largest share of the camera's pixels that may be saturated
 # least share of the camera's pixels that must rise; least rise in multiples of the noise
 LEAST_LIT, LEAST_RISE = 0.001, 10
 EXPLAINED = 0.5  # a white segment must reduce the unexplained error of the coloured check to at most this share

@@ -15,7 +15,7 @@ MIDDLE = 512  # side of the square in which focus is judged, in camera pixels
 # LIT: share of the brightest rise; NOISES: multiple of the noise. A pixel above both counts as lit.
 LIT, NOISES = 0.1, 4
 SPECK = 5  # side of the median filter, in pixels
-LEAST_LIT = 0.001  # share of the camera's pixels
+LEAST_LIT = 0.001  # least share of the camera's pixels that must be lit
 # share of the fullest row or column of lit pixels; emptier ones hold only reflections next to the picture
 EDGE_SHARE = 0.1
 # least margin as a share of the view's sides, least filled share of its area (docs/first-rig.md)

@@ -25,7 +25,7 @@ STEEPEST = 2.0  # largest ratio of scales over the picture
 COARSEST = 4  # cells along the longer side
 WIDTH = 2.0  # standard deviation of the Gaussian, in cells
 CONSTANT_RIDGE, SLOPE_RIDGE = 1e-3, 0.05  # ridges of a fit's constant and slopes, relative to a full neighbourhood
-MOST_POINTS = 20000  # for fitting a trend
+MOST_POINTS = 20000  # largest number of points for fitting a trend
 
 
 def smooth_field(values: FloatArray, known: BoolArray, finest: float) -> FloatArray:

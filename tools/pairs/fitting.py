@@ -20,7 +20,7 @@ SAMPLES, LEAST_SAMPLES = 200_000, 1000
 LIT_SHARE = 0.9  # quantile of the light, above which the projector lights a camera pixel even in a wide view
 # largest share of saturated lit values; least deviation of code values over the pairs
 MOST_SATURATED, LEAST_VARIED = 0.25, 0.02
-LIT = 0.5  # correlation of a directly lit camera pixel
+LIT = 0.5  # least correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
 DARK = 1e-6  # a smaller sum of squared radiance is too dark to estimate a gain

@@ -22,7 +22,7 @@ from counterlight.calibration import INTERVAL, RADIANCE, REBUILD, StoredCalibrat
 from counterlight.tools.transport.arrays import ArrayError, StoredArray, opened_archive
 
 Pictures = NDArray[np.floating]
-NOMINAL = 0.9  # share of pixels inside
+NOMINAL = 0.9  # share of pixels that lie inside the interval
 STUDENT = 1.753  # deviations that hold NOMINAL of gains whose deviation is known from 16 captures (Student's t)
 STEADY = np.zeros(3)
 CELL = 8  # camera pixels per side of a cell of m

@@ -38,7 +38,7 @@ AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least dev
 GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
 ROUNDED = 0.3  # error of a rounded code value
-BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
+BACK_S = 10.0  # if a camera has moved or changed, the corrections of this many last seconds are reverted
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
 # share of outliers that starts the search of a jump; steps of the search in pixels

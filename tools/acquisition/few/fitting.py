@@ -182,7 +182,7 @@ def _information(
 def _shares(
     seen: Seen, table: Table, windows: Windows, kernel: NDArray[np.floating], far: Far, pictures: Sequence[int]
 ) -> FloatArray:
-    """Returns s, each primary's share of each picture, (n, pictures, 3)."""
+    """Returns s, the shares of each primary in each picture that the pixels see, (n, pictures, 3)."""
     near = seen.shares(table, kernel, windows.columns, pictures)
     pixels = windows.pixel
     return (1 - far.total[pixels])[:, None] * near + far.shown(pixels, pictures)

@@ -151,7 +151,7 @@ def _rough(seen: Seen, table: Table, sines: Sequence[_Sine], direct: BoolArray) 
 
 
 def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, direct: BoolArray) -> FloatArray:
-    """Invert the ramps by least squares, step by step; their shares are right, down and (right + down) / 2."""
+    """Find places from the ramps by least squares; the ramps rise along right, down and (right + down) / 2."""
     codes = np.linspace(0, 1, len(table))
     slopes = np.gradient(table, codes, axis=0)
     rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # derivatives along down, right

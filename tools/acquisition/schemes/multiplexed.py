@@ -45,7 +45,7 @@ from counterlight.tools.acquisition.schemes.known import KnownLight
 
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
 LEAST_TILE, MOST_TILE = 4, 14
-USUAL_TILE = 8  # for rooms in focus
+USUAL_TILE = 8  # tile for rooms in focus
 # half width of a window, in standard deviations of the spot; 2 % of the light lie beyond it, per axis
 REACH_SIGMAS = 2.3
 NEIGHBOURHOOD = 16  # side, in projector pixels, of the areas in which the sharpest camera pixel gives the blur
