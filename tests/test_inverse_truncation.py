@@ -1,4 +1,4 @@
-"""Certified truncation: no picture within the stated range changes more than the bound, and the worst picture does."""
+"""Certified truncation: no picture within the stated range exceeds the bound, and the worst picture reaches it."""
 
 import tomllib
 from pathlib import Path

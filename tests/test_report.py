@@ -150,7 +150,7 @@ def test_the_matrix_picture_holds_far_light_as_if_entry_by_entry(rng: np.random.
     far = far_light_of(random((cells, n), 0.5), rng.uniform(size=(3, cells, cells)), random((m, cells), 0.5))
     T = Transport.from_matrices(random((m, n), 0.02), far)
     expected = matrix_picture(luminance_matrix(in_one(T))).astype(int)
-    assert np.abs(transport_picture(T).astype(int) - expected).max() <= 1  # entries in one T are float32
+    assert np.abs(transport_picture(T).astype(int) - expected).max() <= 1  # T as a single matrix has float32 entries
     assert (transport_picture(T) > 0).mean() > 0.5 > (transport_picture(T.without_far) > 0).mean()
 
 

@@ -93,7 +93,7 @@ def test_killed_decoder_is_replaced_without_losing_a_frame(cause: signal.Signals
         held = next_frame(reader)
         os.kill(reader.decoder_pid, cause)
         found = [*before, (held.time_s, tuple(plane.copy() for plane in held.planes)), *copies(reader)]
-        reader.release(held)  # a frame of a decoder that has gone
+        reader.release(held)  # a frame of a decoder that has ended
         (notice,) = reader.notices()
     assert [number(planes) for _, planes in found] == [n % 25 for n in range(40)]
     np.testing.assert_allclose([t for t, _ in found], np.arange(40) / RATE, atol=TIME_TOLERANCE_S, rtol=0)

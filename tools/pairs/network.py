@@ -37,7 +37,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Network:
-    """A trained network: weights and offsets of each layer."""
+    """A trained network: the weights and the offsets of each layer."""
 
     layers: Sequence[tuple[Numbers, Numbers]]
 

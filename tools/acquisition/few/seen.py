@@ -28,7 +28,7 @@ Table = NDArray[np.float32]  # (256, 3), each primary's light per code value
 USUAL_ELECTRONS = 1e4  # electrons of the brightest light, assumed until a white picture gives the photon noise
 LEVELS = 16  # brightness levels at which noise is measured
 BRIGHT = 99.0  # percentile of the floodlight that counts as its brightest light
-LEAST_STEP = 1e-5  # share of the brightest light: 16 bits
+LEAST_STEP = 1e-5  # rounding of 16 bits, as a share of the brightest light
 
 
 @dataclass(frozen=True)
