@@ -15,7 +15,8 @@ from tests.rooms import CAMERA, PROJECTOR, blurred_transport
 FloatArray = NDArray[np.float64]
 LEDS = np.array([[0.95, 0.04, 0.01], [0.05, 0.90, 0.05], [0.00, 0.06, 0.94]])
 WHEEL = np.array([[0.80, 0.17, 0.03], [0.12, 0.78, 0.10], [0.02, 0.14, 0.84]])
-CROSSTALK = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]])  # 12 % of white from neighbours
+# 12 % of white comes from neighbouring primaries
+CROSSTALK = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]])
 
 
 @dataclass(frozen=True)

@@ -426,7 +426,7 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     np.testing.assert_allclose(
         found, true, atol=2e-3
     )  # sRGB bends below the first of 17 levels; noise is 10 times smaller
-    np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # 10 σ of two dark captures
+    np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # the limit is 10 σ of two dark captures
     assert np.mean(acquired.mask == room.mask) > 0.95
     flood = truth.composition().reshape(*room.camera.shape, 3) + room.ambient
     white = reachable_white(flood, room.mask)
@@ -437,7 +437,7 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         )
         for name in ("true", "acquired")
     ]
-    assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+    assert figures[1] > figures[0] - 0.5  # in dB, with the default camera's noise
     expected = json.loads((tmp_path / "acquired.report" / "report.json").read_text())["expected"]["decibels"]
     drive = np.random.default_rng(3).uniform(0, 1, (12, 16, 3)).repeat(4, axis=0).repeat(4, axis=1).reshape(-1, 3)
     seen = [
@@ -538,7 +538,8 @@ def test_the_reference_knows_the_noise_of_faint_light(rng: np.random.Generator) 
     black, white = (rng.normal(level, [0.01, 0.02, 0.04], (REPEATS, 60, 80, 3)) for level in (0.1, 0.1 + 1e-4))
     noise = measure_noise(list(black), list(white))
     room = Reference(black.mean(axis=0), white.mean(axis=0), noise, np.zeros((60, 80), bool), REPEATS)
-    np.testing.assert_allclose(room.light.std(axis=0), room.rise_noise, rtol=0.05)  # 4800 pixels: 1 %, and a median
+    # error of a median over 4800 pixels: 1 %
+    np.testing.assert_allclose(room.light.std(axis=0), room.rise_noise, rtol=0.05)
 
 
 def test_the_reference_tells_light_from_black() -> None:

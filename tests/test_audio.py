@@ -178,7 +178,7 @@ def test_volume_is_cubed_and_mute_is_silence(clip: Path) -> None:
     loud = show.sink.heard[-1][1]
     show.output.volume = 50
     show.run(0.05)
-    assert show.sink.heard[-1][1] == pytest.approx(loud / 8, rel=0.1)  # 5 % further on the ramp
+    assert show.sink.heard[-1][1] == pytest.approx(loud / 8, rel=0.1)  # the sound is now 5 % further on the ramp
     show.output.mute = True
     show.run(0.05)
     assert show.sink.heard[-1][1:] == (0.0, 0.0)

@@ -96,7 +96,7 @@ def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
     assert Averaging(aim, 0.05, paced(1.0), 5.0).chosen(finest(10)) == 1
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), share=0.25)) == 7
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), share=0.0)) == 1
-    later = (Expected(10, share=1.0), Expected(5))  # 20 n + 5 seconds
+    later = (Expected(10, share=1.0), Expected(5))  # these levels take 20 n + 5 seconds
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), later=later)) == 12
     # limited to the pace of a camera with 7 exposures per second
     assert Averaging(aim, 0.05, paced(1e-6), 251.0).chosen(finest(100)) == 17

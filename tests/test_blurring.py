@@ -223,7 +223,7 @@ def test_solvers_take_it_as_they_take_its_entries(T: Transport) -> None:
     alike(*direct)
     gaps = [Box(each).run(b)[0] for each in (T, alone)]
     errors = [np.sum((alone.apply(p) - b) ** 2) for p in gaps]
-    assert errors[0] == pytest.approx(errors[1], rel=2e-4)  # each to a relative gap of 1e-4
+    assert errors[0] == pytest.approx(errors[1], rel=2e-4)  # each is solved to a relative gap of 1e-4
 
 
 def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> None:

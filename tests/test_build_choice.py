@@ -23,7 +23,7 @@ from counterlight.tools.transport.transport import channels, stacked
 from tests.programs import command, fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
 
-CAMERA, PROJECTOR = (44, 60), (36, 50)  # 1800 projector pixels in one cluster: windows
+CAMERA, PROJECTOR = (44, 60), (36, 50)  # 1800 projector pixels in one cluster, so that windows are used
 
 
 def invert(sigma: float, options: InverseOptions) -> Inverse:

@@ -218,7 +218,7 @@ def test_maps_keep_the_tier_on_disk_and_both_backends_show_what_the_nine_matrice
             drives.append(renderer.render(wanted, refine=256))
             shown = renderer.camera_view()
             np.testing.assert_allclose(shown, room.seen(drives[-1]), atol=1e-4)  # float32 maps and mixing
-    np.testing.assert_allclose(*drives, atol=1e-4)  # 256 steps in float32
+    np.testing.assert_allclose(*drives, atol=1e-4)  # error of 256 steps in float32
     best = cl.solve(room, wanted)
     error = [np.mean((room.seen(drive) - room.white * wanted) ** 2) for drive in (drives[0], best.drive)]
     assert psnr(error[0]) == pytest.approx(psnr(error[1]), abs=NEAR_DB)

@@ -179,7 +179,7 @@ def test_only_the_compensated_picture_is_moved(rng: np.random.Generator) -> None
         before, after = (renderer.linear() for renderer in renderers)
         assert np.array_equal(before, after) == same
         if not same:
-            np.testing.assert_allclose(after[:, :-1], before[:, 1:], atol=1e-6)  # rounding to rounding to float32
+            np.testing.assert_allclose(after[:, :-1], before[:, 1:], atol=1e-6)  # rounding to float32
 
 
 def test_a_room_is_read_with_its_drift_and_maps_that_are_built_again_keep_it(room: StoredCalibration) -> None:

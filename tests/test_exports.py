@@ -190,7 +190,7 @@ def test_projectors_blend_and_blacks_meet(tmp_path: Path) -> None:
         picture = np.full((8, 12, 3), grey)
         drives = np.concatenate([shown(maps, picture) for maps in found], axis=1)
         seen = (T @ drives.reshape(-1, 3)).reshape(height, width, 3) + black
-        np.testing.assert_allclose(seen, 0.02 + (room.white - 0.02) * grey, atol=0.01)  # 8 bits of alpha and beta
+        np.testing.assert_allclose(seen, 0.02 + (room.white - 0.02) * grey, atol=0.01)  # alpha and beta have 8 bits
     assert {path.name for path in tmp_path.glob("out*")} == {"out.mpcdi", "out_1.cube", "out_2.cube", "out.ocio"}
 
 

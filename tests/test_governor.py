@@ -140,7 +140,7 @@ def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
         assert governor.is_at_least == bool(offers)
         governor.slow_to(3 * FRAME_S)
         machine.draw(200)
-        assert machine.steps[-1] == 4  # 4 steps take 85 ms of 120
+        assert machine.steps[-1] == 4  # 4 steps take 85 ms of the allowed 120 ms
 
 
 @pytest.mark.parametrize(("budget", "start"), [(16.0, "previous-direct"), (60.0, "previous")])

@@ -219,7 +219,7 @@ def test_another_order_of_pixels_changes_no_drive(method: str) -> None:
     case = WALLS[1e4]
     other, order = hard.permuted(case)
     p, q = drive(case, method), drive(other, method)
-    tolerance = {"box": None, "map none": 1e-2}.get(method, 1e-6)  # 1e4 times float32 rounding of weights
+    tolerance = {"box": None, "map none": 1e-2}.get(method, 1e-6)  # 1e4 times the rounding of float32 weights
     if tolerance is None:  # within the gap, the drive is not unique, but its error is
         assert other.error(q) == pytest.approx(case.error(p), rel=TOLERANCE)
     else:

@@ -140,7 +140,8 @@ def test_a_hundred_pictures_need_no_more_memory_than_ten(rng: np.random.Generato
         return result
 
     few = peak(10)
-    assert few < 40 * codes.size  # 20 bytes of sums, 4 of the result, masks; the chunk next to them is fixed
+    # per pixel: 20 bytes of sums, 4 bytes of the result, and masks; the memory of a chunk is fixed
+    assert few < 40 * codes.size
     assert peak(100) < few + codes.size / 2  # a stored picture would take codes.size
 
 

@@ -54,7 +54,8 @@ def test_places_are_found(fitted: Fitted) -> None:
 
 def test_the_response_is_found(fitted: Fitted) -> None:
     codes = np.repeat(np.linspace(0, 1, 18)[:, None], 3, axis=1)
-    np.testing.assert_allclose(fitted.processing.light(codes), codes**GAMMA, atol=0.03)  # 17 levels, 16 pictures
+    # φ has 17 levels, fitted to 16 pictures
+    np.testing.assert_allclose(fitted.processing.light(codes), codes**GAMMA, atol=0.03)
 
 
 def test_the_halo_is_separated_from_the_response() -> None:
@@ -89,7 +90,7 @@ def test_colour_processing_is_found_without_the_offset_of_its_light(rng: np.rand
     codes = rng.uniform(0, 1, (20_000, 3))
     found = fit_processing(codes, light(codes) - 0.12, np.ones_like(codes))
     np.testing.assert_allclose(found.light(np.array([[0.0] * 3, [1.0] * 3])), [[0] * 3, [1] * 3], atol=1e-6)
-    np.testing.assert_allclose(found.light(codes), light(codes), atol=0.03)  # 17 and 7 levels, and a smooth prior
+    np.testing.assert_allclose(found.light(codes), light(codes), atol=0.03)  # φ has 17 and 7 levels, and a smooth prior
 
 
 def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None:
@@ -177,7 +178,7 @@ def test_a_room_from_8_bit_jpeg_with_a_black_photograph_and_a_smaller_camera(
     assert main(words) == 0
     found = re.search(r"held-out captures? predicted to (\d+\.\d) dB", capsys.readouterr().out)
     assert found is not None
-    assert float(found[1]) > 28  # 29.9 by a fit of 11 pairs with subsampled colour
+    assert float(found[1]) > 28  # measured: 29.9, by a fit of 11 pairs with subsampled colour
     stored = calibration.read(tmp_path / "room").calibration
     assert stored.camera.shape == (72, 96)
     assert np.percentile(np.abs(stored.ambient - AMBIENT), 99) < 0.006  # codes of 8 bits are 0.0008 apart; JPEG

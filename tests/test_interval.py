@@ -48,7 +48,8 @@ def test_nine_of_ten_values_of_new_captures_are_inside_in_every_part(rng: np.ran
     predicted, captured = captures(rng, 24)
     widths = np.stack([interval.half_width(each) for each in predicted])
     found = coverage(widths, predicted, captured, COUNTED)
-    assert found.share == pytest.approx(0.9, abs=0.006)  # 166 000 values; quantile and m of 24 captures
+    # error of a share over 166 000 values, with q and m from 24 captures
+    assert found.share == pytest.approx(0.9, abs=0.006)
     np.testing.assert_allclose(found.thirds, 0.9, atol=0.015)
     inside = np.abs(captured - predicted) <= widths
     sides = [inside[:, 3:45, columns].mean() for columns in (slice(5, 24), slice(40, 60))]
@@ -62,7 +63,7 @@ def test_the_width_is_the_quantile_of_the_noise(rng: np.random.Generator) -> Non
     ratio = interval.half_width(light) / (noise(light) * np.log(10) / np.sqrt(2))
     away = COUNTED & (np.abs(np.arange(SHAPE[1]) - 32) > 8)  # m is interpolated between cells
     assert np.median(ratio[away]) == pytest.approx(1, abs=0.06)
-    np.testing.assert_allclose(np.percentile(ratio[away], [5, 95]), 1, atol=0.2)  # 0.55 to 1.7 without m
+    np.testing.assert_allclose(np.percentile(ratio[away], [5, 95]), 1, atol=0.2)  # without m, the ratio is 0.55 to 1.7
 
 
 def test_an_interval_is_narrower_than_one_width(rng: np.random.Generator) -> None:

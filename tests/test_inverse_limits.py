@@ -89,7 +89,8 @@ def test_an_inverse_that_cannot_fit_is_refused_before_the_work(
     complaint: str,
 ) -> None:
     before = describe_files(built)
-    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 20 << 20)  # enough for the room and its maps
+    # enough memory for the room and its maps
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 20 << 20)
     monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", largest_dense)
     assert build_correction_map.main([str(built), "--inverse", "whole", "--regularize", "0.1"]) == 2
     line = capsys.readouterr().err

@@ -133,4 +133,4 @@ def test_without_a_step_the_map_alone_keeps_it_dark_or_goes_on(outside: str, inv
         assert not drive[unseen].any()
     else:
         expected = np.where(left, 0.8, 0.2)[unseen, None] * np.ones(3)
-        np.testing.assert_allclose(drive[unseen], expected, atol=0.02)  # error from damping and ties
+        np.testing.assert_allclose(drive[unseen], expected, atol=0.02)  # error by damping and ties

@@ -20,7 +20,7 @@ from tests.programs import ROOT
 
 CAMERA, PROJECTOR = (7, 9), (5, 6)
 CELLS = 4
-FLOAT32 = 1e-5  # entries are written out as float32
+FLOAT32 = 1e-5  # rounding of entries that are written out as float32
 
 
 def random_rows(rng: np.random.Generator, rows: int, columns: int) -> SparseRows:

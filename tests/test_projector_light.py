@@ -205,7 +205,7 @@ def test_colours_beyond_the_projector_are_reported(rng: np.random.Generator) -> 
     assert found, light
     wanted = srgb(np.stack(np.meshgrid(*[np.linspace(0, 1, 17)] * 3), axis=-1).reshape(-1, 3))
     codes = np.ones_like(wanted)
-    for _ in range(60):  # each round corrects every code alone
+    for _ in range(60):  # a round corrects each code by itself
         codes = np.minimum(codes * (wanted / np.maximum(dull(codes), 1e-9)) ** (1 / 2.2), 1)
     beyond = np.any(dull(codes) < wanted - 0.02, axis=1)
     assert float(found[1]) == pytest.approx(100 * beyond.mean(), abs=1)  # B is measured within a hundredth

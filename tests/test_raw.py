@@ -272,7 +272,7 @@ def test_a_camera_that_exposes_otherwise_is_reported(tmp_path: Path) -> None:
             path.write_bytes(dng(mosaic_of(light), exposure_s=time_s))
     # both files have half of the stated exposure; a common factor is harmless
     assert len(camera.capture(0, picture)) == 2
-    assert len(camera.capture(1, picture)) == 2  # 1/20 s and 1/16 s are a third of a stop apart
+    assert len(camera.capture(1, picture)) == 2  # the exposures 1/20 s and 1/16 s are a third of a stop apart
     with pytest.raises(InputError, match=r"00002_0\.dng: exposed 4 times as much as --exposures says"):
         camera.capture(2, picture)
     curved = FolderCamera(tmp_path, Exposures((0.1, 0.4), Response("srgb")))

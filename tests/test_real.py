@@ -85,7 +85,7 @@ def test_a_set_up_is_evaluated_in_both_directions(
     model, corrected = (float(re.search(rf"forward, {name}: (\S+) dB", printed)[1]) for name in ("model", "corrected"))
     assert corrected > model - 0.5  # the model is nearly exact, and nothing is left to correct
     inside = [float(each) for each in re.findall(r"(?:interval|one width): (\S+) % inside", printed)]
-    np.testing.assert_allclose(inside, 92, atol=6)  # 2 captures; a fit of 9 pairs predicts worse than of 12
+    np.testing.assert_allclose(inside, 92, atol=6)  # 2 captures; a fit of 9 pairs predicts worse than a fit of 12 pairs
     alone, found = (float(re.search(rf"{name} \| (\S+) dB", printed)[1]) for name in ("inverse", "surrogate"))
     assert found > alone + 1
 

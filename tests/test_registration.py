@@ -101,7 +101,7 @@ def test_another_picture_is_not_found(transport: Transport) -> None:
 
 @pytest.mark.parametrize("turned", [(0, 0), (0.25, 0), (-0.5, 0.3), (3, -2), (6, 5)])
 def test_a_camera_s_turn_is_found_again(turned: tuple[float, float], rng: np.random.Generator) -> None:
-    paint = 0.3 + 0.6 * ndimage.zoom(rng.uniform(0, 1, (40, 50)), 3, order=1)  # 3 pixels per patch of paint
+    paint = 0.3 + 0.6 * ndimage.zoom(rng.uniform(0, 1, (40, 50)), 3, order=1)  # a patch of paint is 3 pixels wide
     light = np.outer(np.linspace(1, 1.3, 120), np.linspace(1, 0.8, 150))
     x, y = turned
     after = 0.9 * light * ndimage.shift(paint, (-y, -x), order=3, mode="nearest")

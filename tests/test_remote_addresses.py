@@ -121,7 +121,7 @@ def test_a_phone_reads_the_address_from_a_terminal() -> None:
 def test_a_token_is_made_once_and_nobody_else_can_read_it(tmp_path: Path) -> None:
     path = tmp_path / "state" / "counterlight" / "remote-token"
     token = token_at(path)
-    assert len(token) >= 22  # 128 bits in base64
+    assert len(token) >= 22  # the token has 128 bits in base64
     assert token_at(path) == token
     assert path.stat().st_mode & 0o777 == 0o600
     assert sorted(path.parent.iterdir()) == [path]

@@ -92,9 +92,10 @@ def test_photon_noise_has_the_variance_of_its_electrons() -> None:
     sensor, weakness = Sensor(16, 20000.0, 5.0), np.array([1.0, 1.5, 2.0])
     shots = sensor.codes(np.full((200_000, 3), 0.3), weakness, np.random.default_rng(3)) / 65535
     electrons = 0.3 * 20000 / weakness
-    assert shots.mean(axis=0) == pytest.approx(0.3, abs=1e-4)  # 0.005 / √200 000 is 1.2e-5
+    assert shots.mean(axis=0) == pytest.approx(0.3, abs=1e-4)  # the standard error, 0.005 / √200 000, is 1.2e-5
     expected = (electrons + 25) * (weakness / 20000) ** 2
-    assert shots.var(axis=0) == pytest.approx(expected, rel=0.02)  # √(2 / 200 000) is 0.3 %
+    # the relative standard error, √(2 / 200 000), is 0.3 %
+    assert shots.var(axis=0) == pytest.approx(expected, rel=0.02)
 
 
 def test_a_sensor_without_noise_only_rounds() -> None:

@@ -141,7 +141,7 @@ def test_the_surroundings_of_white_rise_by_half_the_halo_which_loses_no_light(rn
     drive[:, 32:] = 1
     light = emit(drive.reshape(-1, 3)).reshape(40 + 2 * margin, 64 + 2 * margin, 3)
     middle = light[margin + 20, margin:-margin, 0]
-    assert margin == 6  # 96 of 1024 pixels
+    assert margin == 6  # the halo reaches 96 of 1024 pixels
     assert 0.025 < middle[31] < 0.035 < 0.965 < middle[32] < 0.975  # half of 7 %, half a pixel from the edge
     assert middle[: 32 - margin] == pytest.approx(0)
     assert light.sum() == pytest.approx(drive.sum(), rel=1e-5)
@@ -184,7 +184,7 @@ def test_a_lens_out_of_focus_spreads_a_pixel_and_loses_no_light(radius: float) -
     pixel = 2.4 / 40
     disc = radius * abs(2.4 / 2.0 - 1)
     expected = np.sqrt(pixel**2 * (1 / 12 + 0.3**2 * 0.973) + (disc / 2) ** 2)  # box, cut Gaussian, disc
-    assert across == pytest.approx(expected, rel=0.02)  # 19 points for a disc
+    assert across == pytest.approx(expected, rel=0.02)  # 19 points represent the disc
 
 
 def test_what_stands_between_casts_a_shadow() -> None:

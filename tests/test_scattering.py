@@ -37,12 +37,13 @@ def test_in_a_white_furnace_the_lobe_returns_at_most_what_it_gets(roughness: flo
         towards, weight = gloss.sampled(leaving, up(side**2), roughness, head_on, grid)
         np.testing.assert_allclose(np.linalg.norm(towards, axis=1), 1, rtol=1e-12)
         assert weight.max() <= 1
-        assert weight.mean() == pytest.approx(albedo, abs=2e-3)  # a stratum is 1/256 of the tail
+        assert weight.mean() == pytest.approx(albedo, abs=2e-3)  # each stratum is 1/256 of the tail
 
 
 def test_the_roughest_lobe_at_normal_incidence_has_a_closed_form() -> None:
     """With α = 1, D = 1/π and G = cos 2h / cos² h: the integral of 2 tan h cos 2h from 0 to π/4 is 1 − ln 2."""
-    assert directional_albedo(1.0, 0.0, 1.0) == pytest.approx(1 - np.log(2), rel=1e-3)  # the lobe is cut at the horizon
+    # error at the horizon, where the lobe is cut
+    assert directional_albedo(1.0, 0.0, 1.0) == pytest.approx(1 - np.log(2), rel=1e-3)
 
 
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 1.0])
@@ -93,7 +94,7 @@ def test_a_glossy_fold_shows_the_other_side_as_many_rays_do(tmp_path: Path) -> N
     radiance *= scene.projector.pixel_at(x, y) >= 0
     expected = np.sum(f * cos_in * cos_card * radiance * area / distance[:, 0] ** 2)
     assert expected > 0.01
-    assert far == pytest.approx(expected, rel=0.05)  # 256 rays in the pixel
+    assert far == pytest.approx(expected, rel=0.05)  # error of 256 rays in the pixel
 
 
 FOLD = """

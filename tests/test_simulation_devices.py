@@ -210,7 +210,7 @@ def test_pictures_flicker_and_t_does_not(tmp_path: Path) -> None:
     pictures = [camera.exposures.radiance(camera.capture(i, white)) for i in range(200)]
     ratios = np.mean(pictures, axis=(1, 2, 3)) / expected.mean()
     swing = 0.1 * np.sin(0.4 * np.pi) / (0.4 * np.pi)
-    assert ratios.std() == pytest.approx(swing / np.sqrt(2), rel=0.1)  # 200 phases
+    assert ratios.std() == pytest.approx(swing / np.sqrt(2), rel=0.1)  # error of 200 random phases
     assert ratios.max() <= 1 + swing + 1e-3
     again = camera.exposures.radiance(camera.capture(7, white))
     np.testing.assert_array_equal(again, pictures[7])  # capture n always has the same phase

@@ -138,7 +138,7 @@ def test_camera_and_projector_can_be_exchanged(name: str) -> None:
             far = U @ M @ D.toarray()
             pair[-1] = pair[-1] + unit * probes.T @ far @ probes
     largest = pair[0].max()
-    assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # blocks of 8 x 8 pixels, 64 rays per pixel
+    assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # error of 64 rays per pixel, in blocks of 8 x 8 pixels
     assert np.abs(pair[0] - pair[0].T).max() > 0.1 * largest  # a symmetric room would prove nothing
 
 

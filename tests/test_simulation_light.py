@@ -58,7 +58,7 @@ def test_parallel_squares(tmp_path: Path) -> None:
     # The camera stands between the surfaces, so each surface faces it.
     assert total_factor(replace(scene, cells=200)) == pytest.approx(
         parallel_squares(1, 3), rel=2e-3
-    )  # 3×3 points per cell
+    )  # error of 3×3 points per cell
 
 
 def test_perpendicular_squares_that_share_an_edge(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_a_point_in_a_closed_box_sees_nothing_else(rng: np.random.Generator) -> 
     faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [1, 5, 7, 3]]  # all but z = 0
     point = np.array([[*rng.uniform(0.1, 0.9, 2), 0.0]])
     total = sum(point_to_polygon(point, np.array([0, 0, 1.0]), corners[face][None])[0] for face in faces)
-    assert total == pytest.approx(1, abs=1e-12)  # exact formula
+    assert total == pytest.approx(1, abs=1e-12)  # the formula is exact
 
 
 def test_reciprocity_and_energy_of_the_corner() -> None:
@@ -87,7 +87,7 @@ def test_reciprocity_and_energy_of_the_corner() -> None:
     areas = np.concatenate([grid.areas for grid in grids])
     exchange = areas[:, None] * factors
     far = np.abs(exchange - exchange.T).max() / exchange.max()
-    assert far < 0.06  # 3×3 points per cell; the worst cells touch at the fold
+    assert far < 0.06  # error of 3×3 points per cell; the worst cells touch at the fold
     assert factors.sum(axis=1).max() < 1
 
 
@@ -120,7 +120,8 @@ def test_a_plane_has_the_radiance_of_the_closed_form(tmp_path: Path, tilt: float
         depth = -(normal @ [0, 0, 2.0]) / (normal @ ray)
         cos_surface = -(ray @ normal) / np.linalg.norm(ray)
         expected = (2 / depth) ** 2 * cos_surface * np.linalg.norm(ray)
-        np.testing.assert_allclose(image[y, x], expected * np.array([0.5, 0.6, 0.7]), rtol=2e-3)  # 4×4 rays per pixel
+        # error of 4×4 rays per pixel
+        np.testing.assert_allclose(image[y, x], expected * np.array([0.5, 0.6, 0.7]), rtol=2e-3)
 
 
 def test_a_white_card_has_the_brightness_and_light_falls_with_the_square(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_a_sphere_of_triangles_is_a_sphere(rng: np.random.Generator) -> None:
 def test_areas() -> None:
     assert shape_area(SHAPES["sphere"]()) == pytest.approx(4 * np.pi * 0.8**2, rel=1e-12)
     side, caps = 2 * np.pi * 0.5 * 1.1, 2 * np.pi * 0.5**2
-    assert shape_area(SHAPES["cylinder"](), 63) == pytest.approx(side + caps, rel=1e-3)  # 63 rows, 21 per part
+    assert shape_area(SHAPES["cylinder"](), 63) == pytest.approx(side + caps, rel=1e-3)  # 63 rows, 21 for each part
     cone = turned(np.zeros(3), Y, (X, -Z), np.array([[0.3, 0.0], [0.0, 0.4]]), 512)
     assert cone.face_areas.sum() == pytest.approx(np.pi * 0.3 * 0.5, rel=1e-4)
     flat = relief(Parallelogram(np.zeros(3), 2 * X, 3 * Y, Z), np.full((5, 7), 0.2), cut=False)

@@ -44,7 +44,8 @@ def installed(wheel: Path) -> Path:
     python("-m", "venv", "--without-pip", str(environment))
     (packages,) = environment.glob("lib/python*/site-packages")
     python("-m", "pip", "--python", str(environment / "bin" / "python"), "install", "--no-deps", "--quiet", str(wheel))
-    (packages / "borrowed.pth").write_text(f"{Path(np.__file__).parents[1]}\n")  # .pth files in there are not read
+    # .pth files in the borrowed folder are not read
+    (packages / "borrowed.pth").write_text(f"{Path(np.__file__).parents[1]}\n")
     borrow_what_is_compiled(packages / "counterlight")
     return environment / "bin"
 
