@@ -212,7 +212,7 @@ def _hanging(line: str) -> str:
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
     """Run a command's body. Returns the exit code: 0 done, 2 bad input, 130 interrupted. Other exceptions pass."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as for stderr; file names may be invalid text
+        sys.stdout.reconfigure(errors="backslashreplace")  # file names may be invalid text; stderr escapes them as well
     signal.signal(signal.SIGTERM, _interrupt)  # clean up on `kill` as on Ctrl-C
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         signal.signal(signal.SIGHUP, _interrupt)  # clean up when the terminal closes

@@ -254,7 +254,7 @@ def test_a_map_outside_the_room_is_not_opened(room: DamagedRoom, tmp_path: Path)
 
 
 def test_maps_that_do_not_fit_are_refused_by_the_manifest(room: DamagedRoom) -> None:
-    """Such maps are refused before their files are opened: 16384x16384 pixels would need gigabytes."""
+    """Maps that claim 16384x16384 pixels, which would need gigabytes, are refused before their files are opened."""
     for name, key in (("transport", "output"), ("far_gather", "output"), ("dual_scatter", "source"), (".", "output")):
         manifest = read_toml(room.folder / MANIFEST_NAME, "")
         manifest["maps"][name][key] = [16384, 16384]

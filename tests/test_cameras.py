@@ -90,7 +90,7 @@ def test_rows_stand_below_each_other(flat: list[RoomSeen], rng: np.random.Genera
     p = rng.uniform(size=(*PROJECTOR, 3))
     seen = found.transport @ p
     for view, (room, transport) in zip(found.calibration.views, rooms, strict=True):
-        np.testing.assert_allclose(seen[view], transport @ p, rtol=1e-6)  # the same float32 entries
+        np.testing.assert_allclose(seen[view], transport @ p, rtol=1e-6)  # both results use the same float32 entries
         np.testing.assert_array_equal(found.calibration.mask[view], room.mask)
         np.testing.assert_array_equal(found.calibration.ambient[view], room.ambient)
     beside = np.ones(seen.shape[:2], bool)

@@ -341,7 +341,7 @@ def test_far_light_of_a_drive_that_is_not_clamped_spoils_what_is_within_reach(sh
     found = {name: case.error(np.clip(make(case)(case.target), 0, 1)) for name, make in hard.SPLIT.items()}
     best = case.error(drive(case, "box"))
     plain = found["split none"] - best
-    # both have the same fixed point; float32 rounding
+    # both methods have the same fixed point; float32 rounding
     assert case.error(drive(case, "map none")) - best == pytest.approx(plain, rel=0.05)
     assert found["split none, clamped"] - best < 0.5 * plain
     assert found["thesis"] - best < 0.2 * plain

@@ -165,7 +165,7 @@ def up(count: int) -> FloatArray:
 def test_the_profile_holds_all_the_light() -> None:
     for width in (0.3, 2.0):
         whole, _ = integrate.quad(lambda r, w=width: 2 * np.pi * r * subsurface.profile(r, w), 0, 60 * width)
-        assert whole == pytest.approx(1, rel=1e-8)  # the rest, e⁻²⁰, is omitted
+        assert whole == pytest.approx(1, rel=1e-8)  # the remaining light, e⁻²⁰, is omitted
 
 
 def test_radii_are_drawn_as_the_profile_says() -> None:

@@ -111,7 +111,7 @@ def test_a_sphere_of_triangles_is_a_sphere(rng: np.random.Generator) -> None:
     facing = np.abs(np.sum(a.normal[i] * directions[both], axis=1)) > 0.2
     sagitta = 0.8 * (np.pi / 256) ** 2  # sagitta of one field; twice as much for the two diagonals
     assert np.abs(a.distance[i] - b.distance[j])[facing].max() < 2 * sagitta / 0.2
-    assert np.sum(a.normal[i] * b.normal[j], axis=1)[facing].min() > 0.999  # both point outwards
+    assert np.sum(a.normal[i] * b.normal[j], axis=1)[facing].min() > 0.999  # the normals of both shapes point outwards
     assert set(b.ray) <= set(a.ray)
 
 

@@ -53,7 +53,7 @@ def import_all() -> dict[str, str]:
             importlib.import_module(module.name)
     from numba.core.registry import cpu_target
 
-    cpu_target.typing_context.refresh()  # as the first compiled function would do
+    cpu_target.typing_context.refresh()  # the first compiled function would do the same
     cpu_target.target_context.refresh()
     gc.collect()
     gc.freeze()  # copies share the memory pages

@@ -19,7 +19,7 @@ from tests.writing_commands import COMMANDS, contents, furnish, is_whole, room_f
 
 MARK = ".counterlight-partial"  # part of the name of every writer's hidden folder
 SEQUENCE, CAPTURES = "f%02d.png", "made.captures"
-REPORT = "made.report/"  # its files contain measured seconds, so they differ between runs
+REPORT = "made.report/"  # the files of a report contain measured seconds, so they differ between runs
 KILLED, ASKED = -9, 130  # exit codes after kill -9, and after a request to end
 NO_END = -1000  # replaces an exit code: the process had to be killed
 Unit: TypeAlias = Mapping[str, bytes | None]

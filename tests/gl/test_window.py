@@ -89,7 +89,7 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels_and_comes_back
 
     with playing(two_monitors, large_room, picture, "--fullscreen", "--monitor", "DUMMY1") as process:
         wait_until(fills, "the picture appears", process)
-        assert screen(two_monitors, FIRST_MONITOR).max() == 0  # the other monitor stays black
+        assert screen(two_monitors, FIRST_MONITOR).max() == 0  # the desk's monitor stays black
         press(two_monitors, "g")
         wait_until(lambda: screen(two_monitors, FIRST_MONITOR).max() > 200, "its name on the other one", process)
         press(two_monitors, "q")
@@ -201,7 +201,7 @@ def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, film: Path, 
     numbers = json.loads(stats.read_text())
     # the film lasts 5.28 s at 25 frames per second, and starts at 4 s
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)
-    chosen = numbers["gpu_path"]  # both paths were measured, on OpenGL 4.3, and words on the faster path
+    chosen = numbers["gpu_path"]  # the shaders were measured, on OpenGL 4.3, and words with the faster shader
     measured = {key: value for key, value in chosen.items() if key.endswith("_ms")}
     assert {"fragment_ms", "compute_ms"} < measured.keys()
     assert chosen[f"{chosen['name']}_ms"] == min(measured.values()) > 0

@@ -115,7 +115,7 @@ class _View:
 
     @classmethod
     def of(cls, rows: NDArray[np.int64], near: Csr, mask: BoolArray, light: FloatArray) -> "_View":
-        """rows : (height, width). Raster indices of this camera's pixels."""
+        """Make the view of one camera. rows : (height, width). Raster indices of its pixels."""
         inner = np.zeros(rows.shape, bool)
         inner[1:-1, 1:-1] = True
         flat = rows.ravel()

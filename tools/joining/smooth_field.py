@@ -16,7 +16,7 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 REWEIGHTED = 10  # iterations until outliers no longer affect the trend
 # a value counts little if it is further from the trend than USUAL times the median distance and than LEAST
 USUAL, LEAST = 4.0, 0.05
-CONTRADICTED = 0.5  # the same limit for the distance of a value from the median of its neighbours
+CONTRADICTED = 0.5  # limit like USUAL and LEAST, for the distance of a value from the median of its neighbours
 BESIDE = np.mgrid[-2:3, -2:3].reshape(2, -1).T  # offsets of the neighbours
 ALONE = 8  # fewest values in a neighbourhood, including the middle value, which is ignored if there are fewer
 AT_ONCE = 1 << 15  # pixels whose neighbours are processed at a time
