@@ -1,4 +1,4 @@
-"""The outline while a picture is placed: its points, where the projector lights them, its dots, when it appears."""
+"""The outline while a picture is placed: its points, the places that the projector lights, when it appears."""
 
 import numpy as np
 import pytest

@@ -213,7 +213,7 @@ def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
 
 
 def own_screen(line: Line, views: Sequence[int]) -> list[tuple[Calibration, Transport]]:
-    """Returns the views as `join --at` places them, by T alone; the screen is the first view, as for the truth."""
+    """Returns the views as `join --at` places them, from T alone. The screen is the first view."""
     rooms, transports = zip(
         *((replace(line.at(view).room, screen=None), line.at(view).transport) for view in views), strict=True
     )

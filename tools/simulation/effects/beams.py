@@ -31,7 +31,7 @@ LEVELS, COARSER = 3, 4  # levels of the map; each level is COARSER times as coar
 WIDEST_FINE = 3  # patches wider than this many pitches use a coarser level
 POINTS_A_PITCH = 1.5
 MOST_STEPS = 24  # points along a patch at the coarsest level; a wider patch has points further apart
-LONE = 1  # level of rays outside any whole beam
+LONE = 1  # level of rays that belong to no whole beam
 BAND_RAYS = 1 << 18  # rays traced at once
 Pitches = dict[int, tuple[float, float]]
 
