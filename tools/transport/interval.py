@@ -29,7 +29,7 @@ CELL = 8  # camera pixels per side of a cell of m
 USUAL = 4.0  # captures with the usual error that are averaged with a cell's captures
 ROUNDS = 4  # rounds of weights in the fit of a
 MOST_SAMPLES = 200_000  # pixels for the fit of a
-WORDS = (40.0, "hardly visible errors"), (34.0, "small errors"), (28.0, "visible errors")  # words for a PSNR of at least this number of dB
+WORDS = (40.0, "hardly visible errors"), (34.0, "small errors"), (28.0, "visible errors")  # from this PSNR in dB on
 WORST = "clear errors"
 LEAST = 1e-4  # least m; least s in the dark, as a share of the brightest prediction
 
