@@ -40,7 +40,7 @@ INTERVAL = "interval.npz"
 VIEWS = viewpoints.TOML, viewpoints.FOLDER
 PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, INTERVAL, "correction", "placement.toml", "drift", *VIEWS)
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
-# of `colour`: tolerance of a row's sum, because text is rounded; least determinant of an invertible matrix
+# limits of `colour`: tolerance of a row's sum, because text is rounded; least determinant of an invertible matrix
 GREY, LEAST_COLOUR = 1e-3, 1e-3
 # Limits of white and of radiance, in any unit. Within them, squares and sums over a picture fit float32.
 RADIANCE = (1e-12, 1e12)

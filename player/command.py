@@ -29,7 +29,7 @@ BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, 
 ROOM_BESIDE_LABEL = 82  # columns that a progress bar needs besides its label
 CLEARED = b"\r\x1b[K"  # returns to the beginning of the line and clears it
 LAST_WORDS_S = 1.0  # longest wait for the reader of a command's last line
-AGAIN_S = 0.01  # until a signal that came at a bad time is sent again
+AGAIN_S = 0.01  # pause before a signal that came at a bad time is sent again
 JOINED = "\xa0"  # a space at which no line breaks
 NEXT = "; next: "
 WIDEST = 100  # columns of a help text; longer lines are hard to read
@@ -212,7 +212,7 @@ def _hanging(line: str) -> str:
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
     """Run a command's body. Returns the exit code: 0 done, 2 bad input, 130 interrupted. Other exceptions pass."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as for stderr; file names may be invalid text
+        sys.stdout.reconfigure(errors="backslashreplace")  # file names may be invalid text; stderr escapes them as well
     signal.signal(signal.SIGTERM, _interrupt)  # clean up on `kill` as on Ctrl-C
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         signal.signal(signal.SIGHUP, _interrupt)  # clean up when the terminal closes
@@ -320,7 +320,8 @@ def progress_bar(label: str, total: int | None) -> Any:
     """Return a tqdm bar on stderr whose length does not depend on its label."""
     from tqdm import tqdm  # imported late, because counterlight doctor uses this module to report a missing tqdm
 
-    columns, lines = shutil.get_terminal_size()  # 80x24 if the terminal does not say; tqdm alone would then draw no bar
+    # 80x24 if the terminal does not state its size; tqdm alone would then draw no bar
+    columns, lines = shutil.get_terminal_size()
     room = max(columns - ROOM_BESIDE_LABEL, 10)
     short = label if len(label) <= room else f"{label[: room - 1]}…"
     shown = None if total is None else BAR

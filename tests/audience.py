@@ -1,4 +1,4 @@
-"""Watches a projector's pixels as the audience does, 30 times a second, and flags pictures that no show may show.
+"""Watches a projector's pixels as the audience does, 30 times a second, and flags pictures that no audience may see.
 
 The desktop is magenta and the films are flat green. A pixel of the desktop, a window decoration or a letter is
 therefore neither black nor the films' green.
@@ -36,7 +36,7 @@ BOX = 1280, 0, *PROJECTOR
 MANAGERS = "none", "openbox", "metacity", "icewm"
 PER_S = 30
 LEVELS = {"dark": 90, "bright": 180}  # codes of the films' green
-BETWEEN = 20, 130  # codes of green between black, dark and bright
+BETWEEN = 20, 130  # codes of green that separate black from dark, and dark from bright
 DITHER = 4  # codes by which a flat picture may vary
 MOST_SAVED = 5
 PLAYER, CURTAIN = b"counterlight.app", b"counterlight.gl.curtain"
@@ -154,7 +154,7 @@ def change(path: Path, text: str) -> None:
 
 
 def name_of(picture: NDArray[np.uint8]) -> str:
-    """Returns "desktop", "black", "dark", "bright", or "leak" for a picture that no show may show."""
+    """Returns "desktop", "black", "dark", "bright", or "leak" for a picture that no audience may see."""
     if (picture == (255, 0, 255)).all():
         return "desktop"
     levels = picture[..., 1]

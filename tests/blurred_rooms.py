@@ -82,7 +82,7 @@ def calibrated(transport: Transport) -> Calibration:
 
 
 def far_light(shape: tuple[int, int]) -> FarLight:
-    """Far light of two cells, a tenth of all light: each averages the picture; every camera pixel sees both."""
+    """Far light of two cells, a tenth of all light. Each cell averages the picture; every camera pixel sees both."""
     rows, columns = shape
     gather = dense_rows(np.full((3, 2, columns), 1 / columns))
     return FarLight(gather, Dense(np.full((3, 2, 2), 0.1)), dense_rows(np.full((3, rows, 2), 0.2)))

@@ -42,7 +42,7 @@ def beside(H: np.ndarray) -> Map:
 
 
 def folded(H: np.ndarray, fold: float = 24.0, bend: float = 0.25) -> Map:
-    """Map to a wall that turns away beyond the projector column `fold`: the camera sees the rest compressed."""
+    """Map to a wall that turns away beyond the projector column `fold`: the camera sees that part compressed."""
     straight = homography(H)
 
     def where(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,8 @@ from tests.rooms import CAMERA, PROJECTOR, blurred_transport
 FloatArray = NDArray[np.float64]
 LEDS = np.array([[0.95, 0.04, 0.01], [0.05, 0.90, 0.05], [0.00, 0.06, 0.94]])
 WHEEL = np.array([[0.80, 0.17, 0.03], [0.12, 0.78, 0.10], [0.02, 0.14, 0.84]])
-CROSSTALK = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]])  # 12 % of white from neighbours
+# 12 % of white comes from neighbouring primaries
+CROSSTALK = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]])
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class ColouredRoom:
 
 
 def mixing_of_condition(condition: float) -> FloatArray:
-    """Returns (1 − s) I + s/3, whose rows sum to 1; its singular values are 1 and, twice, 1 − s = 1 / condition."""
+    """Returns (1 − s) I + s/3, whose rows sum to 1; its singular values are 1, and twice 1 − s = 1 / condition."""
     share = 1 - 1 / condition
     return (1 - share) * np.eye(3) + share / 3
 
@@ -82,7 +83,7 @@ def _fields(values: FloatArray, camera: tuple[int, int]) -> FloatArray:
 
 
 def with_mixing(room: Room, rng: np.random.Generator) -> Room:
-    """Add a mixing per camera pixel to a room; for some camera pixels, grey needs none of a primary."""
+    """Add a mixing per camera pixel to a room; in some camera pixels, grey does not need one of the primaries."""
     B = np.eye(3) + 0.3 * rng.uniform(-1, 1, (*room.calibration.camera.shape, 3, 3))
     B[::4, ::3, :, 1] = [0.9, 0.9, 0.6]
     B[::4, ::3, 2] += [0, 0, 0.9]

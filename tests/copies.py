@@ -39,7 +39,7 @@ def _warm() -> tuple[socket.socket, Mapping[str, str]]:
 
 
 def read_early(variables: Mapping[str, str]) -> bool:
-    """Whether a changed variable is read at import, too early for a copy."""
+    """Whether a variable is read during import, so that changing it later has no effect on a copy."""
     _, before = _warm()
     return any(
         variables.get(name) != before.get(name) and name not in LATE and not name.startswith("XDG_")

@@ -20,7 +20,7 @@ from tests.programs import PATIENCE_S, here, on, running, verb
 Box = tuple[int, int, int, int]  # left, top, width, height
 
 
-ON_A_GPU = "--shader", "fragment", "--entries", "16"  # draws windows as a GPU would, and as files are rendered
+ON_A_GPU = "--shader", "fragment", "--entries", "16"  # options with which windows are drawn as files are, on a GPU
 ON_THE_PROCESSOR = "--backend", "cpu"
 
 
@@ -72,7 +72,7 @@ def _visible(display: str) -> list[Any]:
     connection = Display(display)
     found = []
     for window in connection.screen().root.query_tree().children:
-        with contextlib.suppress(BadDrawable, BadWindow):  # closed meanwhile
+        with contextlib.suppress(BadDrawable, BadWindow):  # the window was closed meanwhile
             if window.get_attributes().map_state == X.IsViewable:
                 found.append(window.get_geometry())
     connection.close()

@@ -39,7 +39,7 @@ KILL, REFUSE = "kill", "refuse"
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault that a run meets.
+    """Fault that is injected into a run.
 
     at : number of the faulty step, from 1; 0 for none.
     how : KILL kills the process before the step; REFUSE fails the step with "no space".

@@ -1,4 +1,4 @@
-"""Hard cases as data, and the methods: studies/hard_cases.py measures them, test_hard_*.py test what must hold."""
+"""Hard cases as data, and the methods: studies/hard_cases.py measures them, test_hard_*.py test known properties."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -97,7 +97,7 @@ def rng(extra: int = 0) -> np.random.Generator:
 
 
 def conflicting_rows() -> HardCase:
-    """Two camera pixels see the same projector pixel and want different radiance; the mean is optimal."""
+    """Two camera pixels see the same projector pixel but have different targets; the mean is optimal."""
     return listed("conflicting rows", [[0.8, 0], [0.8, 0], [0, 0.5]], [0.2, 0.6, 0.25])
 
 
@@ -119,7 +119,7 @@ def rank_deficient(shape: tuple[int, int]) -> HardCase:
 
 
 def zero_rows_and_columns() -> HardCase:
-    """Unlit camera pixels that want light, and projector pixels that light nothing."""
+    """Unlit camera pixels whose target is bright, and projector pixels that light nothing."""
     numbers = rng(1)
     T = np.zeros((9, 7))
     T[np.ix_([1, 3, 4, 6, 8], [0, 2, 3, 6])] = numbers.uniform(0.1, 1, (5, 4))
@@ -239,9 +239,10 @@ def far_light(share: float) -> HardCase:
 
 
 def far_light_and_dark_paint(share: float) -> HardCase:
-    """Wall in focus with a quarter painted nearly black; b asks for as much light there as elsewhere.
+    """Wall in focus with a quarter painted nearly black; the target there is as bright as elsewhere.
 
-    An unclamped drive exceeds white there by far, and a method then counts on the drive's far light everywhere.
+    An unclamped drive exceeds white there by far, so its far light, on which a method may rely, is too bright
+    everywhere.
     """
     wall = defocused_wall(1e1)
     paint = np.where(np.arange(wall.camera[1]) < 3 * wall.camera[1] // 4, 1.0, 0.02)
@@ -373,7 +374,7 @@ def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
 
 def refining(case: HardCase) -> Callable[[int], Apply]:
     """Returns a function of the number of steps: the player's default drive of a room with this T."""
-    dark = max(0.0, -float(case.target.min()))  # ambient light, because a camera picture is not negative
+    dark = max(0.0, -float(case.target.min()))  # ambient light is added, because a camera picture is not negative
     grey, mask = (case.T,) * 3, np.ones(case.camera, bool)
     room = cl.Room.from_matrices(
         *grey, camera=case.camera, projector=case.projector, ambient=dark, mask=mask, response="linear"
@@ -401,7 +402,7 @@ METHODS: dict[str, Callable[[HardCase], Apply]] = {
     "map auto": partial(by_map, None, None),
     "map auto cut": partial(by_map, None, CUT),
 }
-SPLIT: dict[str, Callable[[HardCase], Apply]] = {  # split: far light handled separately; thesis: one T, decomposed
+SPLIT: dict[str, Callable[[HardCase], Apply]] = {  # split: far light is handled separately; thesis: one T, decomposed
     "thesis": partial(by_map, 0.0, CUT),
     "split none": partial(by_split, 0.0, 0),
     "split none, clamped": partial(by_split, 0.0, 2),

@@ -20,7 +20,7 @@ SHARED = (Path(__file__).parents[2] / "shared" / "data").resolve()  # errors als
 TIMEOUT_S = 60.0  # never reached in a passing test
 RATE = 25
 # The bits differ in time: 0.04 s per frame is not a binary fraction, and containers round to their time base.
-TIME_TOLERANCE_S = 1e-3  # Matroska counts in milliseconds
+TIME_TOLERANCE_S = 1e-3  # Matroska states times in milliseconds
 
 
 def numbered(n: int, height: int = 34, width: int = 46) -> Planes:

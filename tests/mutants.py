@@ -73,7 +73,7 @@ def outcome(read: Callable[[], object]) -> str:
 
 @dataclass(frozen=True)
 class DamagedRoom:
-    """Calibration folder with maps, in which one file at a time is damaged; `files` is the original content."""
+    """Calibration folder with maps, in which one file at a time is damaged. `files` is the original content."""
 
     folder: Path
     files: dict[str, bytes]
@@ -211,7 +211,7 @@ def _change_array(content: bytes, rng: Rng) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = [(info.filename, archive.read(info)) for info in archive.infolist()]
-    except Exception:  # damaged already
+    except Exception:  # another mutation has already damaged the file
         return content
     if members:
         at = int(rng.integers(len(members)))

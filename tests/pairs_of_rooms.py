@@ -14,7 +14,7 @@ AMBIENT = 0.02
 
 
 def natural_pictures(rng: np.random.Generator, count: int) -> NDArray[np.uint8]:
-    """Return pictures with structure of every size, (count, height, width, 3)."""
+    """Return pictures with detail of every size, (count, height, width, 3)."""
     height, width = PROJECTOR
     result = []
     for _ in range(count):

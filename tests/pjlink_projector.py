@@ -101,7 +101,7 @@ class _Connection(socketserver.StreamRequestHandler):
         line = bytearray()
         while (byte := self.rfile.read(1)) not in (b"\r", b""):
             line += byte
-            if len(line) > 136 + 32:  # the longest command, and a digest
+            if len(line) > 136 + 32:  # length of the longest command and a digest
                 return None
         return line.decode() if byte else None
 

@@ -35,7 +35,7 @@ def properties() -> dict[str, str]:
 
 
 def keys(number: int = 0) -> list[str]:
-    """Returns the keys of the page in its order: of the show (0), or during placement (1)."""
+    """Returns the keys of the page in the page's order: keys of the show (0), or keys during placement (1)."""
     section = PAGE.partition("\n## Keys\n")[2].partition("\n## ")[0]
     tables = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
     cells = (row.split("|")[1] for row in tables[number].splitlines()[2:])

@@ -6,7 +6,10 @@ from counterlight.screen import Screen
 
 
 def split_screen(camera: tuple[int, int], top: int) -> Screen:
-    """The upper camera, one pixel narrower, sees the screen's left part, turned and smaller; the lower, its right."""
+    """Two cameras.
+
+    The upper one, a pixel narrower, sees the screen's left part turned and smaller; the other the right.
+    """
     height, width = camera
     positions = np.zeros((height, width, 2), np.float32)
     y, x = np.mgrid[:height, :width] + 0.5

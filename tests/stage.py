@@ -1,4 +1,4 @@
-"""Session with fakes around it: clock, reader, renderer and display."""
+"""Session with fake clock, reader, renderer and display."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
@@ -54,7 +54,7 @@ class Reader:
     news: list[str] = field(default_factory=list)
     closed: bool = False
     opens_s: float = 0.0  # seconds that opening takes
-    error: str | None = None  # the error that follows
+    error: str | None = None  # error that is raised after the frames
 
     def __post_init__(self) -> None:
         self.info: Any = SimpleNamespace(
@@ -217,7 +217,7 @@ class Screen:
 
 
 class Stage:
-    """Show with fakes around its session, including the opener and the room."""
+    """Show with a session of fakes, including the opener and the room."""
 
     def __init__(self, *readers: Reader, loop_list: bool = False, **options: Any) -> None:
         self.readers = {reader.path: reader for reader in readers or (Reader(),)}
@@ -225,7 +225,7 @@ class Stage:
         self.reader = next(iter(self.readers.values()))
         self.clock, self.screen = Clock(), Screen()
         self.saved: list[Corners | None] = []
-        self.fitted: dict[str, Corners] = {}  # by a reader's path
+        self.fitted: dict[str, Corners] = {}  # corners by the path of a reader's medium
         self.below: Callable[[int], float] = lambda steps: 1 / (1 + steps)  # dB below the optimum
         self.fresh: list[Any] = []
         self.refinable, self.drifts = True, False

@@ -27,7 +27,7 @@ SINGLE_PICTURE_DB = 0.8
 
 
 def pictures(shape: tuple[int, int]) -> list[np.ndarray]:
-    """A photograph, letters, a ramp (λ is chosen on these), white, and a dark noisy picture unknown to it."""
+    """A photograph, letters, a ramp (λ is chosen on these), white, and a dark noisy picture that λ is not chosen on."""
     noise = cv2.GaussianBlur(np.random.default_rng(11).uniform(size=shape), (0, 0), 1.5)
     dark = 0.3 * (noise - noise.min()) / np.ptp(noise)
     return [np.repeat(grey[..., None], 3, axis=2) for grey in (*typical_pictures(shape), np.ones(shape), dark)]

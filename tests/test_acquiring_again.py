@@ -100,7 +100,7 @@ def test_old_captures_are_used_again_only_by_who_asks_for_that(
 
 
 def test_killed_at_any_step_the_rooms_are_whole_and_the_next_run_ends_the_same(tmp_path: Path, runner: Runner) -> None:
-    """A forced acquisition over a finished one survives kills, most of them at the end, where rooms change places.
+    """A forced acquisition over a finished one survives kills, most of them at the end, where rooms are exchanged.
 
     `make fuzz` kills at thousands of steps.
     """
@@ -179,7 +179,7 @@ def test_a_folder_camera_does_not_take_yesterdays_captures(tmp_path: Path, capsy
     assert acquire_transport.main([*command, "--force"]) == 0
     truth = read_transport(calibration.read(room)).composition()
     found = read_transport(calibration.read(tmp_path / "out")).composition()
-    # noise is below 1 %; the light of another room would differ by far
+    # noise is below 1 %, and the light of another room would differ by much more
     assert np.corrcoef(truth.ravel(), found.ravel())[0, 1] > 0.99
 
 

@@ -61,7 +61,7 @@ def test_both_are_measured_in_one_run(truth: Path, acquired: Path) -> None:
 
 
 def test_what_they_share_is_captured_once(acquired: Path) -> None:
-    """Black and two floodlights are captured once; then each projector shows its own pictures, the other black."""
+    """Black and two floodlights are captured once. Then each projector shows its pictures while the other is black."""
     captures = acquired.with_name("acquired.captures") / "captures"
     seen = [read_picture(captures / f"{number:05}.png").mean() for number in range(3 * REPEATS)]
     assert max(seen[0::3]) < 0.2 * min(seen[1::3] + seen[2::3])
@@ -94,13 +94,13 @@ def test_an_interrupted_one_goes_on_where_it_stopped(truth: Path, acquired: Path
 
 
 def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, tmp_path: Path) -> None:
-    """The report gives the black level that the whole picture can show; at this level the overlap is no brighter."""
+    """The report gives a black level for the whole picture, at which the overlap is not brighter than the rest."""
     report = json.loads((acquired.with_name("acquired.report") / "report.json").read_text())
     line = next(line for line in report["summary"] if line.startswith("black: "))
     found = re.fullmatch(r"black: (\S+) to (\S+) % of white; counterlight play --black-level (\S+) shows it even", line)
     assert found is not None, line
     stored, mask = calibration.read(truth), calibration.read(acquired).calibration.mask
-    inside, edge = slice(OVERLAP.start + 2, OVERLAP.stop - 2), 3  # columns
+    inside, edge = slice(OVERLAP.start + 2, OVERLAP.stop - 2), 3  # columns of the overlap, and width of the edge
     here("build", acquired)
     cv2.imwrite(str(tmp_path / "black.png"), np.zeros((20, 40, 3), np.uint8))
     stripes = []
@@ -111,7 +111,7 @@ def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, t
         light = read_transport(stored) @ exr.read_rgb(drive).astype(np.float64) + stored.calibration.ambient
         columns = np.ma.median(np.ma.array(light[..., 1], mask=~mask), axis=0)
         stripes.append(columns[inside].mean() - columns[edge : OVERLAP.start - 2].mean())
-    assert stripes[0] > 0.011  # 0.03 in the overlap, 0.018 at the left
+    assert stripes[0] > 0.011  # black in the overlap is 0.03, at the left 0.018
     assert abs(stripes[1]) < 0.001  # 8 steps leave this error at pixels of random albedo
 
 
@@ -126,7 +126,7 @@ def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.C
 
 
 def test_nine_of_ten_values_are_inside_the_interval_of_both(truth: Path, acquired: Path, tmp_path: Path) -> None:
-    """Both projectors light the picture, of which the checks showed one at a time."""
+    """Both projectors light the picture; the checks showed one projector at a time."""
     shape = calibration.read(truth).calibration.camera.shape
     picture = cv2.resize(np.random.default_rng(2).integers(30, 220, (6, 9, 3)).astype(np.uint8), shape[::-1])
     cv2.imwrite(str(tmp_path / "picture.png"), picture)
@@ -139,7 +139,7 @@ def test_nine_of_ten_values_are_inside_the_interval_of_both(truth: Path, acquire
 
 
 def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
-    """Acquiring gives the room that joining exact projectors, then cameras, gives."""
+    """The acquired room equals the room that is joined from exact projectors, then cameras."""
     pairs = write_pairs(tmp_path, gain=(0.9, 1.0, 1.2))
     truth, found = tmp_path / "truth", tmp_path / "found"
     here("join", *pairs, "--cameras", "-o", truth)
@@ -156,7 +156,7 @@ def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
     assert expected.screen is not None
     both = room.mask & expected.mask
     away = (room.screen.positions - expected.screen.positions)[both]
-    # in camera pixels; a fifth of a projector pixel
+    # in camera pixels: a fifth of a projector pixel
     assert np.percentile(np.abs(away - np.median(away, axis=0)), 95) < 0.3
 
 

@@ -207,7 +207,7 @@ def test_captures_of_other_options_are_not_mixed(
 def test_captures_from_before_faint_light_was_left_are_not_mixed(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Newer versions cut the blocks of a wide raster by another rule, so that other pictures follow."""
+    """Newer versions divide the blocks of a wide raster by another rule, so that the later pictures differ."""
     arguments = ["--camera", f"simulated:{small_room(tmp_path / 'room', rng)}", "--shots", "1", "-o"]
     assert acquire_transport.main([*arguments, str(tmp_path / "out")]) == 0
     unfinished(tmp_path / "out.captures")
@@ -245,7 +245,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     assert len(names) == 3 + 1 + 3 + 3  # T of three channels and far, primaries, ambient light, mask, interval
     assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])
     one, other = (calibration.read(tmp_path / name).calibration for name in ("direct", "asked"))
-    assert one.projector == other.projector  # including the response
+    assert one.projector == other.projector  # the responses are compared, too
 
 
 def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str], Path]:
@@ -425,8 +425,8 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     found, true = (each.projector.response.to_linear(codes) for each in (acquired, room))
     np.testing.assert_allclose(
         found, true, atol=2e-3
-    )  # sRGB's bend below the first of 17 levels; noise is 10 times smaller
-    np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # 10 σ of two dark captures
+    )  # sRGB bends below the first of 17 levels; noise is 10 times smaller
+    np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # the limit is 10 σ of two dark captures
     assert np.mean(acquired.mask == room.mask) > 0.95
     flood = truth.composition().reshape(*room.camera.shape, 3) + room.ambient
     white = reachable_white(flood, room.mask)
@@ -437,14 +437,14 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         )
         for name in ("true", "acquired")
     ]
-    assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+    assert figures[1] > figures[0] - 0.5  # in dB, with the default camera's noise
     expected = json.loads((tmp_path / "acquired.report" / "report.json").read_text())["expected"]["decibels"]
     drive = np.random.default_rng(3).uniform(0, 1, (12, 16, 3)).repeat(4, axis=0).repeat(4, axis=1).reshape(-1, 3)
     seen = [
         T.apply(drive).reshape(flood.shape) for T in (truth, read_transport(calibration.read(tmp_path / "acquired")))
     ]
     seen = [light + each.ambient for light, each in zip(seen, (room, acquired), strict=True)]
-    # Noise explains at most nine tenths of the error in the checks, so that the room may be better than expected.
+    # Noise counts as at most nine tenths of the error in the checks; the room may therefore be better than expected.
     assert 45 < expected < camera_psnr(*seen, acquired.mask, white) + 1
 
     picture = tmp_path / "picture.png"
@@ -538,7 +538,8 @@ def test_the_reference_knows_the_noise_of_faint_light(rng: np.random.Generator) 
     black, white = (rng.normal(level, [0.01, 0.02, 0.04], (REPEATS, 60, 80, 3)) for level in (0.1, 0.1 + 1e-4))
     noise = measure_noise(list(black), list(white))
     room = Reference(black.mean(axis=0), white.mean(axis=0), noise, np.zeros((60, 80), bool), REPEATS)
-    np.testing.assert_allclose(room.light.std(axis=0), room.rise_noise, rtol=0.05)  # 4800 pixels: 1 %, and a median
+    # error of a median over 4800 pixels: 1 %
+    np.testing.assert_allclose(room.light.std(axis=0), room.rise_noise, rtol=0.05)
 
 
 def test_the_reference_tells_light_from_black() -> None:

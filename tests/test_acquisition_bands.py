@@ -61,7 +61,7 @@ def test_memory_asked_for_is_that_of_some_connections(
     monkeypatch.setattr(memory, "check", noted)
     done = run(room_of(sharp_wall(rng)), HierarchicalScheme())
     connections = max(int(note.split()[-3]) for note in done.measured.notes if "connections" in note)
-    assert connections > 3 * of_band  # one request for all connections would have exceeded this
+    assert connections > 3 * of_band  # a single request for all connections would have exceeded this limit
     assert max(asked) <= hierarchical.BYTES_A_PARENT * of_band
 
 
@@ -118,7 +118,7 @@ def test_large_blocks_beside_a_spot_are_not_spread_over_the_pixels_of_a_wide_ras
         monkeypatch.setattr(blocks, "WIDE", limit)
         transport = blocks.as_transport([spot, rim, wide], SHAPE[0])
         assert channel(transport.near, 0).nnz == entries, limit
-        np.testing.assert_allclose(transport.composition()[7], 3.0, rtol=1e-6)  # float32
+        np.testing.assert_allclose(transport.composition()[7], 3.0, rtol=1e-6)  # rounding to float32
 
 
 def test_far_light_of_few_numbers_is_left_in_its_blocks(rng: np.random.Generator) -> None:
@@ -140,7 +140,7 @@ def test_far_light_between_nodes_gives_the_same_pictures(rng: np.random.Generato
     whole = blocks.as_transport([part], row.size)
     transport, summary = smoothed(replace(whole, camera=camera, projector=projector))
     assert "became" in summary, summary
-    np.testing.assert_allclose(transport.composition(), whole.composition(), rtol=1e-6)  # float32
+    np.testing.assert_allclose(transport.composition(), whole.composition(), rtol=1e-6)  # rounding to float32
     drive = np.repeat(rng.random((whole.shape[1], 1)), 3, axis=1)
     lost = transport.apply(drive) - whole.apply(drive)
     assert np.sqrt(np.mean(lost**2) / np.mean(whole.composition() ** 2)) < 0.01  # the limit of `smoothed`, and noise

@@ -175,7 +175,7 @@ def test_connections_that_memory_cannot_hold_are_refused_with_what_helps(
 @settings(max_examples=50, deadline=None)
 @given(seed=SEEDS)
 def test_energy_is_kept_once(seed: int) -> None:
-    """Quarters that add up to their parent keep the parent's light, whichever of them are measurable."""
+    """Quarters that add up to their parent keep the parent's light, whichever quarters are measurable."""
     rng = np.random.default_rng(seed)
     grid = grids(PROJECTOR)[rng.integers(0, 5)]
     block = rng.integers(0, grid.count, 40)
@@ -183,7 +183,8 @@ def test_energy_is_kept_once(seed: int) -> None:
     parents = BlockLight(grid, np.arange(40), block, quarters.sum(axis=1))
     lit = (rng.random((40, 4)) < 0.5) & (grid.children[block] != NO_CHILD)
     measured, rest = keep_measurable(parents, quarters, lit, np.ones(40, bool))
-    np.testing.assert_allclose(sum_by_camera([measured, *rest], 40), parents.light, rtol=1e-12)  # float64, four terms
+    # float64 sums of four terms
+    np.testing.assert_allclose(sum_by_camera([measured, *rest], 40), parents.light, rtol=1e-12)
 
 
 def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: np.random.Generator) -> None:
@@ -247,7 +248,7 @@ def test_a_small_block_far_from_any_spot_goes_to_its_cell() -> None:
     for lit, expected in ((cell, 3.0), (~cell, 0.0)):  # three channels of 1
         drive = np.repeat(lit.reshape(-1, 1), 3, axis=1).astype(float)
         far = transport.apply(drive) - Transport(transport.near).apply(drive)
-        np.testing.assert_allclose(far[7].sum(), expected, rtol=1e-12)  # float64, 16 terms
+        np.testing.assert_allclose(far[7].sum(), expected, rtol=1e-12)  # float64 sums of 16 terms
 
 
 def test_a_block_that_many_see_is_split_so_that_its_row_fits_a_texture(
@@ -290,7 +291,8 @@ def test_the_error_of_t_is_that_of_dense_matrices(rng: np.random.Generator) -> N
     near = sharp_wall(rng)
     truth, found = with_far_light(near, 0.3), run(room_of(with_far_light(near, 0.3)), HierarchicalScheme())
     for one in (found.measured.transport, near):
-        np.testing.assert_allclose(relative_error(one, truth), error(one, truth), rtol=1e-9)  # float64, 1e5 terms
+        # float64 sums of 1e5 terms
+        np.testing.assert_allclose(relative_error(one, truth), error(one, truth), rtol=1e-9)
 
 
 # Cameras.
@@ -304,7 +306,7 @@ def test_noise_is_measured(rng: np.random.Generator) -> None:
         return light + rng.normal(size=light.shape) * np.sqrt(dark**2 + gain * light)
 
     noise = measure_noise([shot(0 * signal), shot(0 * signal)], [shot(signal), shot(signal)])
-    np.testing.assert_allclose(noise.dark, dark, rtol=0.02)  # 60 000 samples: 0.5 % for a median
+    np.testing.assert_allclose(noise.dark, dark, rtol=0.02)  # error of a median over 60 000 samples: 0.5 %
     np.testing.assert_allclose(noise.gain, gain, rtol=0.05)
 
 
@@ -379,7 +381,10 @@ def test_without_noise_the_hierarchical_scheme_finds_t(rng: np.random.Generator)
 
 
 def test_light_kept_at_coarse_levels_does_not_leak_into_fine_ones(rng: np.random.Generator) -> None:
-    """A third of the light is far: below τ for every small block, many τ for all blocks of a pattern together."""
+    """A third of the light is far light.
+
+    It is below τ for each small block, but far above τ for all blocks of a pattern.
+    """
     near = sharp_wall(rng)
     truth = with_far_light(near, 0.33)
     done = run(room_of(truth), HierarchicalScheme(Threshold(absolute=0.004)), QUIET)

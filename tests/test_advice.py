@@ -20,7 +20,7 @@ REASON = {reason.name: i for i, reason in enumerate(REASONS)}
 
 
 def room() -> Tier:
-    """Each camera pixel sees its own projector pixel: 0.2 in DIM, else 1; ambient light is 0.16 in LEFT."""
+    """Each camera pixel sees its own projector pixel: 0.2 in DIM, 1 elsewhere. Ambient light is 0.16 in LEFT."""
     light, ambient = np.ones(SHAPE, np.float32), np.zeros((*SHAPE, 3), np.float32)
     light[DIM], ambient[LEFT] = 0.2, 0.16
     T = Transport.from_matrices([sparse.csr_array(sparse.diags_array(light.ravel()))] * 3)

@@ -51,7 +51,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class ClockedSink:
-    """Requests a block per BLOCK samples of its own clock, which may run faster than the system's."""
+    """Requests a block for every BLOCK samples of its own clock, which may run faster than the system's clock."""
 
     def __init__(self, clock: Clock, rate: float = 1.0) -> None:
         self._clock, self._began_s, self._rate, self._asked = clock, clock.now, rate, 0
@@ -98,7 +98,7 @@ class Show:
             if (frame := self.playback.due()) is not None:
                 self.shown.append((self.clock.now, frame.time_s))
                 self.reader.release(frame)
-            time.sleep(0.002)  # for the decoders
+            time.sleep(0.002)  # time for the decoders
             self.clock.now += 0.005
 
     def offset_s(self) -> float:
@@ -124,7 +124,7 @@ def test_samples_begin_exactly_where_asked(clip: Path, time_s: float) -> None:
 @pytest.mark.parametrize("speed", [0.25, 2.0])
 def test_speed_changes_how_many_samples_there_are(clip: Path, speed: float) -> None:
     count = sum(len(pairs) for pairs in decoded(Medium(str(clip)), 4.0, speed))
-    assert count == pytest.approx(SAMPLES / 2 / speed, rel=0.02)  # atempo's windows
+    assert count == pytest.approx(SAMPLES / 2 / speed, rel=0.02)  # atempo works in windows of samples
 
 
 def test_pictures_follow_the_sound_even_if_its_clock_runs_fast(clip: Path) -> None:
@@ -155,7 +155,7 @@ def test_what_is_heard_belongs_to_what_is_shown_after_pause_seek_and_laps(clip: 
     assert show.shown[-1][1] == pytest.approx(6.9, abs=0.1)
     show.run(1.1)
     show.settle()
-    show.run(0.5)  # the second lap
+    show.run(0.5)  # into the second lap
     assert abs(show.offset_s()) <= HEARD_S
     assert show.playback.position_s < 2
     show.close()
@@ -178,7 +178,7 @@ def test_volume_is_cubed_and_mute_is_silence(clip: Path) -> None:
     loud = show.sink.heard[-1][1]
     show.output.volume = 50
     show.run(0.05)
-    assert show.sink.heard[-1][1] == pytest.approx(loud / 8, rel=0.1)  # 5 % further on the ramp
+    assert show.sink.heard[-1][1] == pytest.approx(loud / 8, rel=0.1)  # the sound is now 5 % further on the ramp
     show.output.mute = True
     show.run(0.05)
     assert show.sink.heard[-1][1:] == (0.0, 0.0)

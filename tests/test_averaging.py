@@ -96,7 +96,7 @@ def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
     assert Averaging(aim, 0.05, paced(1.0), 5.0).chosen(finest(10)) == 1
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), share=0.25)) == 7
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), share=0.0)) == 1
-    later = (Expected(10, share=1.0), Expected(5))  # 20 n + 5 seconds
+    later = (Expected(10, share=1.0), Expected(5))  # these levels take 20 n + 5 seconds
     assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), later=later)) == 12
     # limited to the pace of a camera with 7 exposures per second
     assert Averaging(aim, 0.05, paced(1e-6), 251.0).chosen(finest(100)) == 17
@@ -169,7 +169,7 @@ def test_the_time_left_is_foretold_from_the_first_minute_on(
     with redirect_stderr(said):
         store = MemoryStore(camera.exposures, averaged=True)
         (done,) = acquire(camera, store, scheme, room.projectors, clock=lambda: camera.now_s)
-    computing = computing_s(truth.shape[0])  # takes no time by the camera's clock
+    computing = computing_s(truth.shape[0])  # solving takes no time by the camera's clock
     whole_s = camera.now_s + computing
     assert whole_s <= 600 - CHECKS_S
     estimates = [(at, seconds_left(line)) for at, line in said.lines if "left" in line or "acquisition" in line]
@@ -195,7 +195,7 @@ def test_durations_in_words() -> None:
 
 
 def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Generator) -> None:
-    """With dark noise only, its effect depends on the size of T and the number of entries: closed form."""
+    """With dark noise only, its effect follows in closed form from the size of T and the number of entries."""
     camera, projector = (20, 30), (40, 50)
     entries, value, dark = 5, 0.2, 1e-3
     T = np.zeros((camera[0] * camera[1], projector[0] * projector[1]))
@@ -210,7 +210,7 @@ def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Genera
     assert error_by_noise(room, seen) == pytest.approx(0.949 * exact, rel=0.08)
 
 
-# The choice stays on disk, and for the command.
+# The choice is stored on disk, and applies to later runs of the command.
 
 
 def test_what_was_chosen_stays_chosen(tmp_path: Path) -> None:
@@ -258,7 +258,7 @@ def test_options_that_contradict_are_refused(
 class CountingEye(SimulatedEye):
     def __init__(self, projector: Shape, settings: CameraSettings, truth: Transport) -> None:
         super().__init__(room_of(truth, projector=projector), settings, MemoryScreen(projector))
-        self.waited = -1  # a frame skips up to itself
+        self.waited = -1  # a frame skips all frames up to its own
 
     def skip(self) -> None:
         super().skip()

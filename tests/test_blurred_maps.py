@@ -64,7 +64,10 @@ def test_its_maps_multiply_as_the_dense_transport(rng: np.random.Generator, far:
 def test_blocks_that_many_pixels_see_are_gathered_in_parts(
     rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A narrow texture forces parts; maps read from the folder still multiply like the dense transport."""
+    """A narrow texture forces cells with several parts.
+
+    Maps read from the folder still multiply like the dense transport.
+    """
     T = in_blocks(discs(rng, RADIUS))
     write_room(tmp_path / "room", T)
     monkeypatch.setattr(refinement_maps, "MAX_TEXTURE_WIDTH", 20)
@@ -96,7 +99,8 @@ def test_a_frame_is_the_steps_of_the_dense_transport(rng: np.random.Generator, f
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("projector", compensate=True, steps=5)
-        np.testing.assert_allclose(renderer.linear().reshape(-1, 3), drive, atol=10 * FLOAT32)  # b/T·1 amplifies
+        # division by T·1 amplifies rounding
+        np.testing.assert_allclose(renderer.linear().reshape(-1, 3), drive, atol=10 * FLOAT32)
         renderer.render("camera", compensate=True, steps=5)
         np.testing.assert_allclose(renderer.linear(), seen, atol=10 * FLOAT32)
 
@@ -149,7 +153,7 @@ def test_maps_of_which_a_part_is_gone_are_refused(room: Path, tmp_path: Path) ->
 
 
 def test_damaged_blurred_light_is_read_or_refused(room: Path, tmp_path: Path) -> None:
-    """Sixty mutants of the file with renewed checksums are read or refused; so is damage that mutants may miss."""
+    """Sixty mutants of the file with renewed checksums are read or refused. So is damage that mutants rarely have."""
     shutil.copytree(room, tmp_path / "room", ignore=shutil.ignore_patterns("correction"))
     damaged, name = DamagedRoom.of(tmp_path / "room"), "blurred_light.npz"
     found = set()

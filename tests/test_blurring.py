@@ -223,7 +223,7 @@ def test_solvers_take_it_as_they_take_its_entries(T: Transport) -> None:
     alike(*direct)
     gaps = [Box(each).run(b)[0] for each in (T, alone)]
     errors = [np.sum((alone.apply(p) - b) ** 2) for p in gaps]
-    assert errors[0] == pytest.approx(errors[1], rel=2e-4)  # each to a relative gap of 1e-4
+    assert errors[0] == pytest.approx(errors[1], rel=2e-4)  # each is solved to a relative gap of 1e-4
 
 
 def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> None:
@@ -302,7 +302,7 @@ def gaussian_room(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def best_error(T: NDArray[np.float64], by: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Returns Σ (T p − b)² of the best drive p in 0..1 for `by` (projected gradients, Nesterov's momentum)."""
+    """Returns Σ (T p − b)², where p in 0..1 is the best drive by `by` instead of T (accelerated projected gradient)."""
     curvature = np.linalg.norm(by, 1) * np.linalg.norm(by, np.inf)
     p = before = np.full(by.shape[1], 0.5)
     for step in range(300):
@@ -346,7 +346,7 @@ def test_what_is_not_worth_blocks_stays(T: Transport, monkeypatch: pytest.Monkey
     monkeypatch.setattr(blurring, "MANY", 1000)
     monkeypatch.setattr(blurring, "LONG", 1)
     assert blurring.in_blocks(short, 0.0) == (short, None)
-    assert blurring.in_blocks(T, 0.1) == (T, None)  # already in blocks
+    assert blurring.in_blocks(T, 0.1) == (T, None)  # T is already in blocks
     sharp = Transport(rows_of(discs(rng, 0.7)), camera=CAMERA, projector=PROJECTOR)
     assert blurring.in_blocks(sharp, 1e-9) == (sharp, None)
     monkeypatch.setattr(blurring, "BAND", 5000)

@@ -207,7 +207,7 @@ def test_a_film_that_is_a_list_opens_nothing(kind: str, trusted: bool, media: Pa
     line = refusal(Medium(str(media / name)) if trusted else limited(media / name, media))
     assert re.search("FFmpeg (cannot read it|decodes no picture)", line)
     with suppress(av.FFmpegError, InputError):
-        assert not list(decoded(limited(media / name, media), 0.0, 1.0))  # its sound
+        assert not list(decoded(limited(media / name, media), 0.0, 1.0))  # the sound of the film
     assert bird.touched() == set()
 
 
@@ -248,7 +248,8 @@ def test_a_server_cannot_send_the_player_elsewhere(bird: Canary) -> None:
 
         def answer() -> None:
             connection, _ = server.accept()
-            for status in ("200 OK", f"302 Found\r\nLocation: rtsp://127.0.0.1:{bird.port}/x"):  # OPTIONS, DESCRIBE
+            # answers to OPTIONS and DESCRIBE
+            for status in ("200 OK", f"302 Found\r\nLocation: rtsp://127.0.0.1:{bird.port}/x"):
                 number = re.search(rb"CSeq: (\d+)", connection.recv(4096))
                 assert number is not None
                 connection.sendall(f"RTSP/1.0 {status}\r\nCSeq: {number[1].decode()}\r\n\r\n".encode())

@@ -201,7 +201,7 @@ def test_commands_say_so_in_one_line(
 
 
 def test_far_light_that_cannot_be_undone() -> None:
-    """Far light with 1 + M D S⁺ U = 1 − 1: as much light returns as is shown."""
+    """Far light with 1 + M D S⁺ U = 0, so that the inverse does not exist: as much light returns as is shown."""
     one = sparse.csr_array([[1.0]])
     for mix, complaint in ((-1.0, "singular"), (1e300, "times it")):
         scatter = sparse.csr_array([[1e-300 if mix > 0 else 1.0]])
@@ -228,7 +228,7 @@ def write_room_in_unit(folder: Path, unit: float) -> None:
 
 
 def test_light_in_no_unit_is_refused(tmp_path: Path) -> None:
-    """Too bright a room is not written; no map is built for a room so dark that white is almost 0."""
+    """A room that is too bright is not written. No map is built for a room that is so dark that white is almost 0."""
     with pytest.raises(InputError, match=r"transport of the red channel: an entry of 1e\+13, expected at most 1e\+12"):
         write_room_in_unit(tmp_path / "bright", 1e13)
     write_room_in_unit(tmp_path / "dark", 1e-14)
@@ -254,7 +254,7 @@ def test_a_map_outside_the_room_is_not_opened(room: DamagedRoom, tmp_path: Path)
 
 
 def test_maps_that_do_not_fit_are_refused_by_the_manifest(room: DamagedRoom) -> None:
-    """Such maps are refused before their files are opened: 16384x16384 pixels would need gigabytes."""
+    """Maps that claim 16384x16384 pixels, which would need gigabytes, are refused before their files are opened."""
     for name, key in (("transport", "output"), ("far_gather", "output"), ("dual_scatter", "source"), (".", "output")):
         manifest = read_toml(room.folder / MANIFEST_NAME, "")
         manifest["maps"][name][key] = [16384, 16384]

@@ -23,7 +23,7 @@ from counterlight.tools.transport.transport import channels, stacked
 from tests.programs import command, fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
 
-CAMERA, PROJECTOR = (44, 60), (36, 50)  # 1800 projector pixels in one cluster: windows
+CAMERA, PROJECTOR = (44, 60), (36, 50)  # 1800 projector pixels in one cluster, so that windows are used
 
 
 def invert(sigma: float, options: InverseOptions) -> Inverse:
@@ -71,7 +71,7 @@ def test_direct_mapping_inverts_a_room_of_one_to_one_pixels() -> None:
     arguments = stacked((T,) * 3), np.ones((5, 6), bool), (5, 6), np.ones((30, 3)), 0.5
     found = invert_near_light(*arguments, InverseOptions(inverse="none"))
     for each in channels(found.T_pinv):
-        np.testing.assert_allclose(each.toarray(), np.diag(1 / shades), rtol=1e-6)  # float32
+        np.testing.assert_allclose(each.toarray(), np.diag(1 / shades), rtol=1e-6)  # rounding to float32
 
 
 @pytest.mark.parametrize(

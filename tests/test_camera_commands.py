@@ -1,4 +1,4 @@
-"""Commands with several cameras: join, simulate, acquire, build and play; single-camera commands say that they are."""
+"""Commands with several cameras: join, simulate, acquire, build and play; commands for a single camera refuse them."""
 
 import re
 from pathlib import Path
@@ -133,7 +133,8 @@ def test_placing_by_hand_is_on_the_screen(built: Path) -> None:
     assert in_use.placed_on == screen.shape
     corners = ((0.3, 0.3), (0.6, 0.3), (0.6, 0.7), (0.3, 0.7))
     seen, lit = (in_use.outline(corners, 0, view) for view in ("camera", "projector"))
-    np.testing.assert_allclose(in_use.pointed_at(seen.handles, "camera")[0], corners[0], atol=0.03)  # a camera pixel
+    # within a camera pixel
+    np.testing.assert_allclose(in_use.pointed_at(seen.handles, "camera")[0], corners[0], atol=0.03)
     # a projector pixel
     np.testing.assert_allclose(in_use.pointed_at(lit.handles, "projector")[0], corners[0], atol=0.06)
 

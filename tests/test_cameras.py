@@ -90,7 +90,7 @@ def test_rows_stand_below_each_other(flat: list[RoomSeen], rng: np.random.Genera
     p = rng.uniform(size=(*PROJECTOR, 3))
     seen = found.transport @ p
     for view, (room, transport) in zip(found.calibration.views, rooms, strict=True):
-        np.testing.assert_allclose(seen[view], transport @ p, rtol=1e-6)  # the same float32 entries
+        np.testing.assert_allclose(seen[view], transport @ p, rtol=1e-6)  # both results use the same float32 entries
         np.testing.assert_array_equal(found.calibration.mask[view], room.mask)
         np.testing.assert_array_equal(found.calibration.ambient[view], room.ambient)
     beside = np.ones(seen.shape[:2], bool)
@@ -102,7 +102,7 @@ def test_rows_stand_below_each_other(flat: list[RoomSeen], rng: np.random.Genera
 
 
 def test_a_flat_wall_is_one_screen_also_where_only_one_camera_sees_it(flat: list[RoomSeen]) -> None:
-    """Maps between pictures of a plane are projective, and the screen continues the map beyond the overlap."""
+    """Maps between pictures of a plane are projective, and the map is continued beyond the overlap."""
     found, expected = shared(*flat), position_in_first(SECOND, RIGHT)
     error, counts = away(screen_of(found), 1, expected), flat[1][0].mask
     overlap, beyond = counts & (expected[..., 0] < FIRST[1] - 3), counts & (expected[..., 0] > FIRST[1])
@@ -120,7 +120,7 @@ def test_a_fold_is_followed(flat: list[RoomSeen]) -> None:
     error = away(screen_of(shared(*bent)), 1, expected)
     overlap = bent[1][0].mask & (expected[..., 0] < FIRST[1] - 3)
     assert overlap.sum() > 200
-    assert np.percentile(error[overlap], 95) < 0.15  # pixels
+    assert np.percentile(error[overlap], 95) < 0.15  # in pixels
 
 
 def test_reflections_do_not_move_the_screen(flat: list[RoomSeen], rng: np.random.Generator) -> None:
@@ -147,10 +147,11 @@ def test_the_screen_of_a_projector_needs_no_overlap() -> None:
     for (room, _), part, H in zip(rooms, screen.parts, apart, strict=True):
         y, x = np.mgrid[: room.camera.height, : room.camera.width].reshape(2, -1) + 0.5
         looks = np.stack(homography(H)(x, y), axis=1)
-        whole = (np.minimum(looks, np.array(PROJECTOR[::-1]) - looks) > 3 * SPREAD).all(axis=1)  # whole footprints only
+        # only footprints that lie wholly inside
+        whole = (np.minimum(looks, np.array(PROJECTOR[::-1]) - looks) > 3 * SPREAD).all(axis=1)
         error = screen.positions[part].reshape(-1, 2)[whole] - looks[whole]
         offsets.append(np.median(error, axis=0))
-        assert np.abs(error - offsets[-1]).max() < 0.1  # projector pixels
+        assert np.abs(error - offsets[-1]).max() < 0.1  # in projector pixels
     np.testing.assert_allclose(*offsets, atol=0.02)
 
 
@@ -177,7 +178,7 @@ def test_a_camera_beside_its_copy_counts_once(flat: list[RoomSeen]) -> None:
     b = np.repeat(0.5 * room.mask.reshape(-1, 1), 3, axis=1)
     drives = [Box(each).solve(np.concatenate([b] * count)).drive for each, count in ((alone, 1), (both, 2))]
     seen = [T.apply(drive) for drive in drives]
-    assert np.abs(seen[0] - seen[1])[room.mask.ravel()].max() < 0.5 * 1 / 255  # half a code; the solver's gap
+    assert np.abs(seen[0] - seen[1])[room.mask.ravel()].max() < 0.5 * 1 / 255  # half a code, and the gap of the solver
 
 
 def test_shares_add_up_to_the_screens_area(flat: list[RoomSeen]) -> None:
@@ -267,7 +268,7 @@ def test_a_third_camera_sees_no_seam(tmp_path: Path) -> None:
     seen = (result.transport.apply(drive) + result.ambient.reshape(-1, 3)).reshape(72, 96, 3)
     codes = srgb(seen / white) - srgb(np.array(grey))
     inside = [_inside(looks_at(audience, view), view) for view in scene.views]
-    plain = np.abs(codes).max(axis=2) < 20  # without the raster's edge and pixels that no camera sees
+    plain = np.abs(codes).max(axis=2) < 20  # without pixels at the raster's edge and pixels that no camera sees
     for counted in (inside[0] & ~inside[1], inside[0] & inside[1], inside[1] & ~inside[0]):
         assert counted.sum() > 300
         assert np.abs(codes[counted & plain].mean(axis=0)).max() < 1

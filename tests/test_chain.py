@@ -66,7 +66,7 @@ def test_transport_adds_its_chains_to_near_light(factors: list[np.ndarray], rng:
     whole, p = S + U @ M @ D + U @ D, rng.uniform(size=(PROJECTOR, 3))
     np.testing.assert_allclose(T.apply(p), np.einsum("kij,jk->ik", whole, p), rtol=ROUNDING)
     found = in_one(T).weights.T.reshape(3, CAMERA, PROJECTOR)
-    np.testing.assert_allclose(found, whole, rtol=1e-6)  # float32
+    np.testing.assert_allclose(found, whole, rtol=1e-6)  # rounding to float32
 
 
 def test_maps_without_one_factor_of_a_chain_are_refused(rng: np.random.Generator, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Jobs on dask.distributed: real schedulers and workers, one of them killed; impossible jobs print one line."""
+"""Jobs on dask.distributed: real schedulers and workers, one of them killed; jobs that cannot run print one line."""
 
 import csv
 import os
@@ -63,7 +63,7 @@ STRANGE = "import importlib.metadata as m; v = m.version; m.version = lambda n: 
     ],
 )
 def test_a_worker_that_cannot_do_the_same_is_one_line(room: Path, scheduler: str, made: str, expected: str) -> None:
-    """A worker lacks a dependency or a file, because its process was started so."""
+    """A worker lacks a dependency or a file, because of the way in which its process was started."""
     begun = f"{made}; from distributed.cli.dask_worker import main; main()"
     name = expected.split()[1]
     words = sys.executable, "-c", begun, scheduler, "--no-nanny", "--nthreads", "1", "--no-dashboard", "--name", name

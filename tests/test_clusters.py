@@ -28,7 +28,10 @@ Graph = tuple[tuple[Csr, ...], tuple[int, int], tuple[int, int]]
 
 
 def random_graph(rng: np.random.Generator, levels: int = 0, density: float = 0.3) -> Graph:
-    """Three channels with different patterns, weights from 1e-7 to 1e3; `levels` > 0 gives few values, so many ties."""
+    """Three channels with different patterns, and weights from 1e-7 to 1e3.
+
+    With `levels` > 0, many weights are equal.
+    """
     camera, projector = (int(rng.integers(1, 5)), int(rng.integers(1, 6))), tuple(rng.integers(1, 8, 2).tolist())
     shape = math.prod(camera), math.prod(projector)
     weights = 10 ** rng.uniform(-7, 3, (3, *shape))
@@ -222,7 +225,7 @@ def test_the_unit_of_light_changes_nothing(rng: np.random.Generator, make, scale
     for parameters in CUTS:
         reference, result = cut(*graph, parameters), cut(*scaled, parameters)
         assert result.report == reference.report
-        # Both sides are float32, and so is the scale.
+        # Both sides, and the scale, are float32.
         np.testing.assert_allclose(
             dense(channels(result.near)), scale * dense(channels(reference.near)), rtol=FLOAT32_SUM
         )

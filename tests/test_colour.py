@@ -94,7 +94,7 @@ def test_a_tier_says_what_a_drive_of_any_colour_looks_like(rng: np.random.Genera
     rounding = 3e-6 * np.linalg.cond(neutral)  # float32 T and F, times Q
     np.testing.assert_allclose(tier.seen(drive), seen, atol=rounding)
     asked = tier.asked(seen).reshape(-1, 3)
-    np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=4 * rounding)  # times A
+    np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=4 * rounding)  # rounding, times A
 
 
 def test_without_floodlights_or_as_asked_nothing_changes(rng: np.random.Generator) -> None:
@@ -120,7 +120,7 @@ def test_the_neutral_mixing_is_found_beside_paint_of_any_colour_and_gain(rng: np
     for gains in ((1, 1, 1), (1, 3, 0.5)):
         found = neutral_mixing(F * np.float32(gains), room.calibration.mask)
         primaries = np.diag(gains) @ CROSSTALK
-        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white as the camera defines it
+        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white is defined by the camera
         np.testing.assert_allclose(found, expected, atol=1e-2)  # paint of up to ± 30 % within a primary
 
 
@@ -138,7 +138,7 @@ def test_of_a_large_camera_some_pixels_tell_the_neutral_mixing(
 
 def damaged(room: ColouredRoom, kind: str) -> Calibration:
     F = np.array(room.calibration.primaries)
-    if kind == "signed":  # a camera that corrects colours
+    if kind == "signed":  # sensor data of a camera that corrects colours
         F[0, ::2, ::2, 1] = -0.5 * F[0, ::2, ::2, 0]
     elif kind == "clipped":
         F[:, ::2, ::2] = 0
@@ -151,7 +151,7 @@ def damaged(room: ColouredRoom, kind: str) -> Calibration:
     elif kind == "tiny":
         F[:] = F * np.float32(1e-30)
     else:
-        F[:] = F[:1]  # three equal primaries
+        F[:] = F[:1]  # all three primaries are equal
     return replace(room.calibration, primaries=F)
 
 
@@ -186,11 +186,12 @@ def test_white_asks_the_primaries(rng: np.random.Generator) -> None:
     F = np.moveaxis(room.calibration.primaries.astype(np.float64).reshape(3, -1, 3), 0, -1)  # type: ignore[union-attr]
     t = np.linalg.solve(F, np.ones((len(F), 3, 1)))[..., 0]
     expected = np.percentile(1 / t.max(axis=1), 10)
-    assert tier_of(room.calibration, room.transport, "pixel").white == pytest.approx(expected, rel=1e-5)  # float32
+    # rounding to float32
+    assert tier_of(room.calibration, room.transport, "pixel").white == pytest.approx(expected, rel=1e-5)
 
 
 def test_white_is_what_a_drive_of_the_primaries_shows_at_its_brightest(rng: np.random.Generator) -> None:
-    """With ambient light: at each pixel's own reach, the largest share of a primary is 1."""
+    """With ambient light, the largest share of a primary is 1 for the brightest grey that a pixel can show."""
     room = coloured_room(rng, paint=0.3, ambient=0.1)
     tier = tier_of(room.calibration, room.transport, "pixel")
     grey = np.repeat(tier.reach.min(axis=2, keepdims=True), 3, axis=2)
@@ -217,7 +218,7 @@ def test_maps_keep_the_tier_on_disk_and_both_backends_show_what_the_nine_matrice
             drives.append(renderer.render(wanted, refine=256))
             shown = renderer.camera_view()
             np.testing.assert_allclose(shown, room.seen(drives[-1]), atol=1e-4)  # float32 maps and mixing
-    np.testing.assert_allclose(*drives, atol=1e-4)  # 256 steps in float32
+    np.testing.assert_allclose(*drives, atol=1e-4)  # error of 256 steps in float32
     best = cl.solve(room, wanted)
     error = [np.mean((room.seen(drive) - room.white * wanted) ** 2) for drive in (drives[0], best.drive)]
     assert psnr(error[0]) == pytest.approx(psnr(error[1]), abs=NEAR_DB)
@@ -313,15 +314,15 @@ def test_unlike_projectors_on_one_surface_come_near_the_optimum_of_all_primaries
 ) -> None:
     """LEDs next to a colour wheel, against scipy's least squares over all eighteen matrices (thesis eq. 4.6).
 
-    The rest, up to 3 dB of 42, comes from colours that only one projector can show, and from errors that primaries
-    share. The sum of the floodlights alone would lose 15 dB.
+    The remaining difference, up to 3 dB of 42, comes from colours that only one projector shows, and from errors that
+    primaries share. The sum of the floodlights alone would lose 15 dB.
     """
     surface, rooms, (height, width) = rng.integers(1 << 30), [], UNLIKE_PROJECTOR
     for neutral, shift in ((LEDS, (0.0, 0.0)), (WHEEL * tint, (0.3, 0.4))):
         same = np.random.default_rng(surface)
         rooms.append(coloured_room(same, neutral, camera=UNLIKE_CAMERA, projector=UNLIKE_PROJECTOR, shift=shift))
     joint = joined(tmp_path, rooms)
-    # the LEDs' gamut contains the wheel's primaries
+    # the gamut of the LEDs contains the primaries of the colour wheel
     assert [device.colour is None for device in joint.calibration.projectors] == [False, True]
     desired = WHITE * picture(UNLIKE_CAMERA)
     drive = prepare("box", joint.tier.transport, joint.calibration.mask).solve(joint.tier.asked(desired)).drive
@@ -371,7 +372,7 @@ def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: n
     light, full = rng.uniform(-0.5, 1.5, (*camera, 3)), rng.uniform(0.2, 1, (*camera, 3))
     light[0] = 0.5 * full[0]
     found, clipped = mixing.within(light, full), np.clip(light, 0, full)
-    assert np.array_equal(found[0], light[0])  # reachable light is unchanged
+    assert np.array_equal(found[0], light[0])  # the light at a reachable target stays unchanged
     assert ((found >= 0) & (found <= full)).all()
     assert mixing.pixel is not None
     matrices = WHEEL @ mixing.pixel.astype(np.float64)
@@ -382,7 +383,7 @@ def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: n
     for y, x in np.ndindex(*camera):
         answer = lsq_linear(matrices[y, x], matrices[y, x] @ light[y, x], (0, full[y, x]), tol=1e-12)
         best[y, x] = np.linalg.norm(answer.fun)
-    assert (off["found"] <= 1.05 * best + 1e-9).all()  # three iterations over the primaries
+    assert (off["found"] <= 1.05 * best + 1e-9).all()  # the reference makes three iterations over the primaries
     assert off["found"].mean() < 1.005 * best.mean()
     assert off["clip"].mean() > 1.02 * best.mean()
     assert np.array_equal(Mixing(WHEEL).within(light, full), clipped)  # one mixing for the room: independent channels

@@ -173,7 +173,7 @@ def test_projectors_in_two_rows_are_encoded_as_by_the_formula(rng: np.random.Gen
         device.encoder((10, 13), in_two_rows(), 1.0, dither).run(drive, 5)
         for device in (CpuDevice(), ReferenceDevice())
     )
-    assert np.mean(ours != meant) < 0.01  # rounding, as above
+    assert np.mean(ours != meant) < 0.01  # rounding may change a code, as above
 
 
 def test_a_moved_picture_matches_the_formula(rng: np.random.Generator) -> None:
@@ -225,7 +225,7 @@ def test_the_bytes_are_the_same_on_every_run_and_with_any_threads(
 
 
 def test_no_frame_compiles_anything_once_prepared() -> None:
-    """Pictures of an unforeseen type would compile a pass during a frame. The test has a process of its own."""
+    """Pictures of a type not compiled at startup would compile a pass during a frame. The test has its own process."""
     code = """
 import numpy as np
 from counterlight.show.compiling import compile_passes
@@ -343,7 +343,7 @@ def test_compiling_is_said_only_where_something_is_compiled(
         monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
     function, signatures = of_combined()
     said = []
-    for _ in range(2):  # stands for two processes
+    for _ in range(2):  # one round for each of two processes
         made = kept(parallel=True, error_model="numpy")(function)
         monkeypatch.setattr(kernel, "KERNELS", [lambda made=made: (made, signatures)])
         compile_passes()

@@ -256,7 +256,7 @@ def test_a_client_that_does_not_read_costs_a_bounded_number_of_bytes(
     assert len(kept._arrived) <= MAX_LINE + (16 << 10)
     assert quick.ask("add", 1)["data"] == 1
     lamp.values["gap"] = -1.0
-    while True:  # once the client reads, it is answered and receives the present value
+    while True:  # once the client reads, it gets its answers and the present value
         answer = slow.line()
         if answer.get("data") == -1.0:
             break
@@ -293,7 +293,7 @@ def test_each_observed_property_is_asked_for_once_a_poll(
         server.poll(lamp)
     lamp.asked = 0
     server.poll(lamp)
-    assert lamp.asked == 3  # gap, path, playlist-pos
+    assert lamp.asked == 3  # the properties gap, path and playlist-pos were read
 
 
 def test_ten_thousand_random_lines_and_it_still_answers(client: Client, lamp: Lamp, rng: np.random.Generator) -> None:

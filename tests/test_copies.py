@@ -68,7 +68,7 @@ print(loaded, out.sum())
 
 
 def test_a_copy_has_what_others_have_compiled_and_runs_its_loops(tmp_path: Path) -> None:
-    for loaded in ("01", "1"):  # the first may have to compile it
+    for loaded in ("01", "1"):  # the first copy may have to compile the function
         copy = Copy(["-c", LOOP], os.environ, tmp_path, None)
         found, _ = copy.communicate(timeout=60)
         assert (found[0] in loaded, found[1:], copy.returncode) == (True, " 60.0\n", 0)

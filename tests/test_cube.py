@@ -38,12 +38,13 @@ def test_a_table_is_read_and_interpolated_as_colour_science_does(
     low, high = np.array(domain)
     inside = np.clip((codes - low) / (high - low), 0, 1)
     expected = table_interpolation_tetrahedral(inside, theirs.table)
-    np.testing.assert_allclose(tetrahedral(read_cube(path), codes), expected, atol=1e-6)  # six digits, float32
+    # the file has six digits; rounding to float32
+    np.testing.assert_allclose(tetrahedral(read_cube(path), codes), expected, atol=1e-6)
 
 
 def test_the_identity_changes_nothing(rng: np.random.Generator) -> None:
     codes = rng.uniform(size=(300, 3))
-    np.testing.assert_allclose(tetrahedral(identity(17), codes), codes, atol=1e-7)  # float32 samples
+    np.testing.assert_allclose(tetrahedral(identity(17), codes), codes, atol=1e-7)  # the samples are float32
 
 
 def test_a_linear_table_is_exact_between_samples(rng: np.random.Generator) -> None:

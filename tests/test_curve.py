@@ -58,12 +58,13 @@ def measured(stored: Stored, room: str = "wall") -> Curve:
 def test_any_rising_curve_is_measured(name: str) -> None:
     stored, truth = BENT[name]
     found = measured(stored)
-    codes = np.linspace(0.25, 0.9, 40)  # darker codes have less light than the errors below
+    codes = np.linspace(0.25, 0.9, 40)  # darker codes give less light than the errors below
     light = found.response.to_linear(np.repeat(codes[:, None], 3, axis=1))[:, 1]
-    design = np.stack([light, np.ones_like(light)], axis=1)  # unknown exposure and black light: no picture shows them
+    # exposure and black light are unknown, because no picture shows them
+    design = np.stack([light, np.ones_like(light)], axis=1)
     scaled = design @ np.linalg.lstsq(design, truth(codes))[0]
     error = (scaled - truth(codes)) / truth(codes).max()
-    assert np.sqrt(np.mean(error**2)) < 0.004  # 700 camera pixels
+    assert np.sqrt(np.mean(error**2)) < 0.004  # the fit uses 700 camera pixels
     assert np.abs(error).max() < 0.015
     assert found.error < 0.005
     assert not found.is_straight
@@ -75,7 +76,8 @@ def test_black_is_no_light(name: str) -> None:
     table, codes = measured(stored).response, np.linspace(0.15, 0.9, 40)
     light = table.to_linear(np.repeat(codes[:, None], 3, axis=1))[:, 1]
     scale = truth(codes) @ light / (light @ light)
-    np.testing.assert_allclose(scale * light, truth(codes), atol=0.006)  # the room's light is 0.9 % of white
+    # the room's light, which is 0.9 % of white, is unknown
+    np.testing.assert_allclose(scale * light, truth(codes), atol=0.006)
 
 
 @pytest.mark.parametrize("room", ["wall", "defocus"])
@@ -131,7 +133,8 @@ def acquired(stored: Stored) -> tuple[Rig, MemoryStore, float]:
 
 def test_an_acquisition_reads_all_captures_with_the_curve() -> None:
     _, _, linear = acquired(Stored(bits=16))
-    _, _, bent = acquired(Stored("srgb", bits=16))  # the bend reveals the curve; 16 bits do not suggest one
+    # the bend reveals the curve; the 16 bits of the files do not suggest a curve
+    _, _, bent = acquired(Stored("srgb", bits=16))
     assert bent < linear + 0.01  # T of the encoded captures is 30 % off
     rig, store, _ = acquired(JPEG)
     seen, light = store.radiance(1), rig.photograph(codes_of(np.ones(rig.raster, np.bool_)), 1) / 65535
@@ -145,7 +148,7 @@ def test_pictures_first_measure_the_curve_in_addition() -> None:
     (done,) = acquire_pictures(camera, MemoryStore(camera.exposures), 24, [rig.raster])
     assert done.curve
     assert not done.curve.is_straight
-    assert done.check.error < 0.05  # 1.4 %; encoded captures stop the acquisition
+    assert done.check.error < 0.05  # 1.4 % here; with encoded captures, the acquisition would stop
 
 
 def test_a_folder_of_jpegs_is_measured_and_keeps_its_captures_if_a_curve_is_given(

@@ -37,7 +37,7 @@ def test_the_frames_around_the_damage_are_shown_and_one_line_says_so(name: str, 
     numbers = dict(found)
     lost = set(range(COUNT)) - numbers.keys()
     assert 2 * KEY in lost
-    # up to the next key frame, and two frames that depend on the lost frame
+    # all frames up to the next key frame, and two frames that depend on the lost frame
     assert lost <= set(range(2 * KEY - 2, 3 * KEY))
     assert all(numbers[index] == index % 25 for index in numbers if index < 2 * KEY - 2 or index >= 3 * KEY)
     (notice,) = notices

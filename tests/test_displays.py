@@ -90,11 +90,12 @@ def test_a_projector_beside_its_copy_gives_half_of_the_light(
     alone, together = rows(single, shape), rows(twice, (shape[0], 2 * shape[1]))
     for half in (together[:, : shape[1]], together[:, shape[1] :]):
         difference = np.abs(half - alone / 2).sum(axis=2).max()
-        assert difference < 0.5 / 255  # drive, for light of 1: truncation and windows lose this much in each
+        # in drive, for light of 1: truncation and windows change each of the two by this much
+        assert difference < 0.5 / 255
 
 
 def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path) -> None:
-    """For a target brighter than either projector reaches: PSNR in the overlap, of the camera's predicted picture."""
+    """PSNR of the predicted camera picture in the overlap, for a target that neither projector alone can reach."""
     rooms = simulated(tmp_path, "wall", POSITION, POSITION.replace("0.6", "-0.5"), "24x20", "24x20")
     joint = join(rooms, tmp_path / "joint")
     stored = [calibration.read(room) for room in (*rooms, joint)]
@@ -117,7 +118,7 @@ def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path)
             seen = read_transport(one).apply(drive.reshape(-1, 3)).reshape(27, 48, 3) + one.calibration.ambient
             reached[one.folder.name, refine] = psnr(float(np.mean(((seen - wanted)[overlap] / white) ** 2)))
     for refine in ("0", "8"):
-        assert reached["joint", refine] > max(reached["first", refine], reached["second", refine]) + 5  # decibels
+        assert reached["joint", refine] > max(reached["first", refine], reached["second", refine]) + 5  # in decibels
 
 
 def test_monitors_are_written_and_read(tmp_path: Path) -> None:
@@ -177,7 +178,8 @@ def test_each_projector_keeps_its_own_response(tmp_path: Path) -> None:
         room.projectors, pictures(codes, room.regions), pictures(drive, room.regions), strict=True
     ):
         low, high = (device.response.to_linear(np.clip(own + half, 0, 1)) for half in (-0.51 / 255, 0.51 / 255))
-        assert np.all((low - 1e-6 <= meant) & (meant <= high + 1e-6))  # the nearest code; the table's interpolation
+        # the nearest code, and interpolation in the table
+        assert np.all((low - 1e-6 <= meant) & (meant <= high + 1e-6))
         assert meant.std() > 0.01
 
 
@@ -221,7 +223,7 @@ def test_a_file_holds_the_raster(tmp_path: Path) -> None:
 
 
 def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
-    """A raster of the same size with other regions is refused, because the windows cannot change."""
+    """A raster of the same size with other regions is refused, because the windows cannot change their regions."""
     left, right = write_halves(tmp_path)
     room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
     here("build", room, *options)

@@ -30,7 +30,7 @@ def test_every_part_of_the_machine_is_reported(xvfb: str) -> None:
     report = json.loads(outcome.stdout)
     states = {finding["subject"]: finding["state"] for finding in report["findings"]}
     assert report["ready"] is True
-    for device in ("camera", "sound"):  # test machines have none
+    for device in ("camera", "sound"):  # test machines have no camera and no sound device
         assert states.pop(device) in ("ok", "note")
     assert set(states.values()) == {"ok"}
     packages = {"numpy", "scipy", "moderngl", "glfw", "OpenEXR", "opencv-contrib-python-headless", "av", "tomli-w"}

@@ -152,7 +152,7 @@ def test_what_is_shown_arrives_as_it_was_meant() -> None:
 
 
 def test_identity_changes_no_bit_of_what_is_shown(rng: np.random.Generator) -> None:
-    """An identity drift also costs no pass."""
+    """A drift without changes needs no additional pass."""
     plain, frame = random_room(rng, far=False), yuv_frame(rng, (9, 15))
     room = replace(plain, drift=Drift((Moved.nothing(),), None, "nothing has changed"))
     shown = []
@@ -179,7 +179,7 @@ def test_only_the_compensated_picture_is_moved(rng: np.random.Generator) -> None
         before, after = (renderer.linear() for renderer in renderers)
         assert np.array_equal(before, after) == same
         if not same:
-            np.testing.assert_allclose(after[:, :-1], before[:, 1:], atol=1e-6)  # float32
+            np.testing.assert_allclose(after[:, :-1], before[:, 1:], atol=1e-6)  # rounding to float32
 
 
 def test_a_room_is_read_with_its_drift_and_maps_that_are_built_again_keep_it(room: StoredCalibration) -> None:
@@ -193,5 +193,6 @@ def test_a_room_is_read_with_its_drift_and_maps_that_are_built_again_keep_it(roo
     assert after.drift is not None
     assert after.drift.moves
     np.testing.assert_array_equal(after.calibration.ambient, now)
-    assert after.white == pytest.approx(0.9 * before.white)  # most of the room reaches no more light
+    # the white that most of the room can reach falls with the lamp
+    assert after.white == pytest.approx(0.9 * before.white)
     assert read_room(room.folder, 0.3).white == 0.3

@@ -30,7 +30,7 @@ def read_pfm(data: bytes) -> np.ndarray:
     """Returns (height, width, 3), rows as stored."""
     kind, size, scale, values = data.split(b"\n", 3)
     assert kind == b"PF"
-    assert float(scale) < 0  # little-endian
+    assert float(scale) < 0  # a negative scale means little-endian
     width, height = map(int, size.split())
     return np.frombuffer(values, "<f4").reshape(height, width, 3)
 
@@ -97,7 +97,7 @@ def test_the_warp_puts_the_picture_where_t_says(wall: Path, tmp_path: Path) -> N
     (maps,) = read_mpcdi(tmp_path / "out.mpcdi")
     black = np.percentile(room.ambient[room.mask], 99, axis=0)
     inside = room.mask.copy()
-    inside[[0, 1, -2, -1]] = inside[:, [0, 1, -2, -1]] = False  # the light of the wall's edge
+    inside[[0, 1, -2, -1]] = inside[:, [0, 1, -2, -1]] = False  # light from the edge of the wall is left out
 
     def quality(drive: np.ndarray) -> float:
         seen = (T @ drive.ravel()).reshape(*CAMERA, 3) + room.ambient
@@ -109,8 +109,8 @@ def test_the_warp_puts_the_picture_where_t_says(wall: Path, tmp_path: Path) -> N
         warp = maps["warp"] + np.array([right / CAMERA[1], -down / CAMERA[0], 0])
         return quality(shown({**maps, "warp": warp}, picture))
 
-    assert at(0, 0) > 37  # measured: 39.2
-    assert max(at(0.25, 0), at(-0.25, 0), at(0, 0.25), at(0, -0.25)) < at(0, 0) - 0.5  # measured: 1.2
+    assert at(0, 0) > 37  # in dB; measured: 39.2
+    assert max(at(0.25, 0), at(-0.25, 0), at(0, 0.25), at(0, -0.25)) < at(0, 0) - 0.5  # loss in dB; measured: 1.2
     flipped = {**maps, "warp": maps["warp"][::-1]}
     assert quality(shown(flipped, picture)) < 25
     lost = re.search(r"([\d.]+) dB with this warp, ([\d.]+) dB with the best drive; ([\d.]+) dB are lost", said)
@@ -123,11 +123,11 @@ def test_the_warp_puts_the_picture_where_t_says(wall: Path, tmp_path: Path) -> N
     for name, expected in zip("RG", np.moveaxis(maps["warp"], -1, 0), strict=False):
         np.testing.assert_array_equal(channels[name].pixels, expected)
     np.testing.assert_array_equal(channels["A"].pixels > 0, maps["alpha"].max(axis=2) > 0)
-    np.testing.assert_allclose(channels["alpha.G"].pixels, maps["alpha"][..., 1], atol=0.005)  # 8 bits
+    np.testing.assert_allclose(channels["alpha.G"].pixels, maps["alpha"][..., 1], atol=0.005)  # rounding to 8 bits
 
 
 def test_bounces_and_paint_do_not_move_the_places(tmp_path: Path) -> None:
-    """Each projector pixel lights two camera pixels next to each other; one of them is dark, and some light bounces."""
+    """Each projector pixel lights two adjacent camera pixels, one of which is dark, and some light bounces."""
     rng = np.random.default_rng(4)
     height, width = 9, 14
     pixels = height * width
@@ -166,7 +166,7 @@ def test_cameras_that_share_a_screen_agree_on_the_places() -> None:
     assert kept.target == (height, width)
     np.testing.assert_allclose(kept.places * (width, height), np.stack([x, y], axis=-1) + 0.5, atol=1e-6)
     picture = soft(height, width)
-    np.testing.assert_allclose(kept.drive(picture), picture, atol=1e-5)  # white is 1
+    np.testing.assert_allclose(kept.drive(picture), picture, atol=1e-5)  # the room's white is 1
 
 
 def test_projectors_blend_and_blacks_meet(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_projectors_blend_and_blacks_meet(tmp_path: Path) -> None:
         picture = np.full((8, 12, 3), grey)
         drives = np.concatenate([shown(maps, picture) for maps in found], axis=1)
         seen = (T @ drives.reshape(-1, 3)).reshape(height, width, 3) + black
-        np.testing.assert_allclose(seen, 0.02 + (room.white - 0.02) * grey, atol=0.01)  # 8 bits of alpha and beta
+        np.testing.assert_allclose(seen, 0.02 + (room.white - 0.02) * grey, atol=0.01)  # alpha and beta have 8 bits
     assert {path.name for path in tmp_path.glob("out*")} == {"out.mpcdi", "out_1.cube", "out_2.cube", "out.ocio"}
 
 

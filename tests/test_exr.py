@@ -81,7 +81,7 @@ def test_plain_files_are_exact_for_us_and_for_the_library(
 
 
 def test_plain_files_that_others_wrote_are_read_the_same(tmp_path: Path, rng: np.random.Generator) -> None:
-    """The library writes uncompressed files: in the product's layout, bottom up, in half precision, and mixed."""
+    """The library writes the files, uncompressed: in the product's layout, bottom up, in half precision, and mixed."""
     rgb = {name: rng.normal(size=(5, 4)).astype(np.float32) for name in "RGB"}
     halves = {name: values.astype(np.float16) for name, values in rgb.items()}
     header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -286,7 +286,7 @@ def test_what_one_pass_says_of_all_limits_is_what_each_split_misses(
     beside = np.zeros((corner.shape[0], 3, 3))
     for limit in (16.0, 64.0, 256.0):
         made = split(rows, replace(model, limit=limit))
-        # the others keep all entries, because the model does not reach their light
+        # the other rows keep all entries, because the model does not reach their light
         met = made.near.lengths < rows.near.lengths
         assert met.mean() > 0.5
         kept, squares = passes.missed(
@@ -354,7 +354,8 @@ def test_an_imported_corner_is_factored_built_and_played(tmp_path: Path, corner:
     assert transports["factored"].far is not None
     mask = rooms["factored"].calibration.mask
     assert mask.any()
-    assert (mask & ~rooms["dense"].calibration.mask).mean() < 0.01  # the rim, whose footprints far light hides
+    # the rim of the lit area, whose footprints are hidden by far light
+    assert (mask & ~rooms["dense"].calibration.mask).mean() < 0.01
     picture = tmp_path / "picture.exr"
     white = reachable_white(corner.floodlight(in_the_dark(corner)), mask)
     desired = 0.6 * white * np.repeat(typical_pictures(mask.shape)[0][..., None], 3, axis=2) + 0.1 * white

@@ -112,7 +112,7 @@ def test_two_media_play_at_once_while_one_fades_into_the_other() -> None:
     stage = Stage(Reader("a", count=100), Reader("b", count=100), crossfade_s=1.0)
     stage.advance(2.9)
     assert (stage.commands.get("path"), stage.screen.uploaded_before) == ("a", [])
-    stage.advance(0.6)  # 0.5 s of b, within the last second of a
+    stage.advance(0.6)  # the last second of a, and 0.5 s of b
     assert stage.commands.get("path") == "b"
     assert stage.screen.fades[-1] == (1.0, pytest.approx(0.5, abs=0.06))
     assert stage.screen.uploaded_before == list(range(76, 76 + len(stage.screen.uploaded_before)))

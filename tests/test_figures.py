@@ -179,7 +179,7 @@ def test_tables_in_columns_are_read_by_first_words() -> None:
 
 
 def test_what_compensate_prints_is_what_its_page_says() -> None:
-    """The names on both sides match: a command that printed the page's own figures would pass."""
+    """Page and command use the same names for cells, so a command that printed the page's figures would pass."""
     row = one_picture()
     stated = row.stated(page(row))
     head = ["solver", "RMSE %", "PSNR dB", "SSIM", "CIEDE2000", "clipped %", "seconds"]
@@ -210,7 +210,7 @@ def test_another_figure_is_found_and_rounding_is_none() -> None:
     [
         ("0.02", "0.03", True),  # within two units of the last digit
         ("0.02", "0.05", False),
-        ("29.6", "29.9", True),  # within a twentieth
+        ("29.6", "29.9", True),  # this is within a twentieth
         ("365678", "365901", True),
         ("**20** / 1e4", "20 / 1.2e+04", True),
         ("1000", "100", False),
@@ -254,7 +254,7 @@ def test_what_a_page_keeps_from_earlier_is_not_compared() -> None:
 
 
 def test_studies_that_draw_know_the_clock_of_their_context(gl_context: moderngl.Context) -> None:
-    """Software OpenGL uses processor time; tests/bench and three studies failed here."""
+    """The clock for software OpenGL is processor time; tests/bench and three studies once used another clock."""
     software = in_software(gl_context.info["GL_RENDERER"])
     assert clock_of(gl_context) is (time.process_time if software else time.perf_counter)
 

@@ -50,7 +50,7 @@ DEEDS: tuple[tuple[Callable[[], object], str], ...] = (
 
 
 class Faulty(FileCampaign):
-    """Reader that does everything that readers may not do; its input selects the fault."""
+    """Reader with every fault that a reader may have; its input selects the fault."""
 
     name, count, purpose, hang_s = "faulty", len(DEEDS), "for a test", 2.0
 
@@ -98,7 +98,7 @@ def test_a_solver_that_finds_nothing_is_wrong(monkeypatch: pytest.MonkeyPatch, t
     assert Solvers().run(plan).verdicts == {READ: plan.count}
     monkeypatch.setattr(test_solve, "solve", lambda _, system: Found(np.zeros(system.shape[1]), ()))
     wrong = {finding["index"] % len(PROPERTIES) for finding in Solvers().run(plan).findings}
-    assert wrong == {0, 1, 3, 4, 5}  # number 2 holds for any drive
+    assert wrong == {0, 1, 3, 4, 5}  # number 2 is true of any drive
 
 
 DOES = {

@@ -57,7 +57,7 @@ def test_a_highlight_is_found_whatever_the_paint(rng: np.random.Generator) -> No
     room, T = pair.room()
     first, second = of_each(shares_in(room, T))
     truth = pair.gloss / (1 + pair.gloss)
-    # the fitted surface is quadratic, the rooms' ratio nearly so
+    # the fitted surface is quadratic, and the ratio in these rooms is nearly quadratic
     assert np.abs(first - truth)[truth > 0.15].max() < 0.03
     assert not first[truth < 0.05].any()
     assert not second.any()

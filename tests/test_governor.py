@@ -97,7 +97,7 @@ def test_a_budget_that_cannot_be_met_is_reported_once_with_the_longest_stage() -
     [line] = machine.said
     assert line.startswith("--budget 16 cannot be kept: with 0 steps a frame takes 27 ms (linear 12.0, start 15.0); ")
     assert "build a smaller correction map (counterlight build --inverse none), or" in line
-    governor.begin(FRAME_S)  # another medium
+    governor.begin(FRAME_S)  # another medium begins
     machine.draw(TRIES + 1)  # the first with a step
     assert len(machine.said) == 2
 
@@ -130,7 +130,7 @@ def test_a_budget_without_time_for_the_maps_picture_either_shows_direct_mapping(
 
 
 def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
-    """Three steps end within a decibel of the optimum, and two do not; without a curve, the least is unknown."""
+    """Three steps end within a decibel of the optimum, two do not. Without a curve, the least number is unknown."""
     for offers, least in (((Offer("previous", 0.5, CURVE),), 3), ((), 0)):
         governor = Governor(8, start="previous", offers=offers)
         governor.begin(FRAME_S)
@@ -140,7 +140,7 @@ def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
         assert governor.is_at_least == bool(offers)
         governor.slow_to(3 * FRAME_S)
         machine.draw(200)
-        assert machine.steps[-1] == 4  # 4 steps take 85 ms of 120
+        assert machine.steps[-1] == 4  # 4 steps take 85 ms of the allowed 120 ms
 
 
 @pytest.mark.parametrize(("budget", "start"), [(16.0, "previous-direct"), (60.0, "previous")])

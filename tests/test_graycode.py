@@ -200,7 +200,7 @@ def test_agreement_with_opencv_on_synthetic_captures(rng: np.random.Generator, t
     ours = decoded.valid(PROJECTOR, MIN_CONTRAST)
     agree, both, only = count_agreement(captures[:-2], decoded.x, decoded.y, ours)
     assert both > 3000
-    assert agree >= 0.999 * both  # issue 2
+    assert agree >= 0.999 * both  # required by issue 2
     assert only <= 0.001 * both
 
 
@@ -239,7 +239,7 @@ def test_real_captures_agree_with_the_reference_decodes() -> None:
         both = decoded.valid(cells, MIN_CONTRAST) & (x >= 0)
         assert both.sum() > 0.99 * (x >= 0).sum(), folder
         agree = (decoded.x * step == x) & (decoded.y * step == y)
-        assert agree[both].mean() >= 0.999, folder  # issue 2
+        assert agree[both].mean() >= 0.999, folder  # required by issue 2
 
 
 def random_decode(rng: np.random.Generator) -> tuple[Picture, Picture, Picture]:
@@ -294,7 +294,7 @@ def test_a_hole_follows_its_nearest_decoded_pixel(rng: np.random.Generator) -> N
 
 
 def test_hole_and_owner_get_the_same_drive(rng: np.random.Generator) -> None:
-    """Their columns are parallel: the minimum-norm solution sends both the same light, like direct mapping."""
+    """The columns of a hole and its cell are parallel, so the minimum-norm solution gives both the same drive."""
     x, y, valid = random_decode(rng)
     mapping = direct_mapping(x, y, valid, PROJECTOR, fill_radius=4)
     T = channel(direct_transport(mapping, rng.uniform(0.1, 1, (x.size, 3)).astype(np.float32)).near, 0).toarray()

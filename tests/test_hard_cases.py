@@ -70,7 +70,7 @@ def test_exactly_parallel_columns_share_the_light(method: str) -> None:
 @pytest.mark.parametrize("method", BOUNDED)
 def test_exactly_parallel_columns_are_shared_in_some_way(method: str) -> None:
     p = drive(hard.parallel_columns(0), method)
-    assert p.sum() == pytest.approx(0.9, abs=1e-4)  # the box optimum's gap
+    assert p.sum() == pytest.approx(0.9, abs=1e-4)  # the gap of the box optimum
     assert p.min() >= 0
 
 
@@ -181,7 +181,7 @@ def test_weights_from_1e_7_to_1e3_lose_no_more_than_the_cut_off(method: str) -> 
 
 
 def test_weights_from_1e_7_to_1e3_within_bounds() -> None:
-    """b is reachable: nnls finds every drive, and box reaches the gap of its certificate."""
+    """b is reachable: nnls finds the exact drive, and box comes within the gap of its certificate."""
     case = hard.graded_weights()
     p = hard.rng(3).uniform(0.1, 0.9, 12)
     np.testing.assert_allclose(unclamped(case, "nnls"), p, atol=1e-4)  # condition 1e10 in float64
@@ -219,8 +219,8 @@ def test_another_order_of_pixels_changes_no_drive(method: str) -> None:
     case = WALLS[1e4]
     other, order = hard.permuted(case)
     p, q = drive(case, method), drive(other, method)
-    tolerance = {"box": None, "map none": 1e-2}.get(method, 1e-6)  # 1e4 times float32 rounding of weights
-    if tolerance is None:  # the drive is not unique within the gap, but its error is
+    tolerance = {"box": None, "map none": 1e-2}.get(method, 1e-6)  # 1e4 times the rounding of float32 weights
+    if tolerance is None:  # within the gap, the drive is not unique, but its error is
         assert other.error(q) == pytest.approx(case.error(p), rel=TOLERANCE)
     else:
         np.testing.assert_allclose(q, p[order], atol=tolerance)
@@ -233,7 +233,7 @@ TARGETS = {case.name.removeprefix("target "): case for case in hard.targets()}
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_black_target_asks_for_black(method: str) -> None:
-    assert drive(TARGETS["black"], method).max() <= 1e-12  # remainder of the start after the gradient steps
+    assert drive(TARGETS["black"], method).max() <= 1e-12  # remainder of the start after all gradient steps
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -341,7 +341,8 @@ def test_far_light_of_a_drive_that_is_not_clamped_spoils_what_is_within_reach(sh
     found = {name: case.error(np.clip(make(case)(case.target), 0, 1)) for name, make in hard.SPLIT.items()}
     best = case.error(drive(case, "box"))
     plain = found["split none"] - best
-    assert case.error(drive(case, "map none")) - best == pytest.approx(plain, rel=0.05)  # same fixed point, float32
+    # both methods have the same fixed point; float32 rounding
+    assert case.error(drive(case, "map none")) - best == pytest.approx(plain, rel=0.05)
     assert found["split none, clamped"] - best < 0.5 * plain
     assert found["thesis"] - best < 0.2 * plain
     assert found["split 0.1"] - best < 0.2 * plain

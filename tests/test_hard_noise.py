@@ -93,7 +93,7 @@ def test_the_box_certificate_holds_however_ill_conditioned(condition: float) -> 
     gap = relative_gap(system, found) * objective
     # Any drive within 0..1 improves by at most the gap; scipy's solution may be better or worse.
     assert objective - lsq_linear(case.dense, case.target, (0, 1), method="trf", tol=1e-12).cost <= gap
-    assert np.sqrt(2 * gap) <= 1e-3 * np.linalg.norm(case.floodlight)  # 60 dB below the floodlit room
+    assert np.sqrt(2 * gap) <= 1e-3 * np.linalg.norm(case.floodlight)  # the gap is 60 dB below the floodlit room
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05])

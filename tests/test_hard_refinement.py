@@ -67,7 +67,7 @@ def optimum(case: HardCase) -> float:
 
 
 def known_wrong(case: HardCase) -> float:
-    """RMS error of T against the true transport, by which steps may also end nearer to the target than the optimum."""
+    """RMS error of T against the true transport; by this much, steps may come nearer to the target than the optimum."""
     if case.truth is None:
         return 0.0
     p = hard.rng(15).uniform(size=case.T.shape[1])

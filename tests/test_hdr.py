@@ -95,7 +95,8 @@ def test_the_light_comes_back_within_the_quantisation(
     low, high = np.full(light.shape, np.inf), np.zeros(light.shape)
     for z, t in zip(codes, times, strict=True):
         used = (z > 0) & (z < 0.98 * top)
-        bounds = [response.to_linear(np.clip((z + step) / top, 0, 1)) / t for step in (-0.51, 0.51)]  # 0.01: the grid
+        # the factor 0.01 is for the grid
+        bounds = [response.to_linear(np.clip((z + step) / top, 0, 1)) / t for step in (-0.51, 0.51)]
         low = np.where(used, np.minimum(low, bounds[0]), low)
         high = np.where(used, np.maximum(high, bounds[1]), high)
     known = ~(merged.saturated | merged.black)
@@ -106,7 +107,7 @@ def test_the_light_comes_back_within_the_quantisation(
 
 @pytest.mark.parametrize("method", ["debevec", "robertson"])
 def test_what_no_picture_measured_is_bounded(method: str) -> None:
-    # the fifth pixel has contradictory codes
+    # the codes of the fifth pixel contradict each other
     codes = np.array([[255, 0, 0, 128, 255, 0], [255, 0, 251, 255, 240, 1]], np.uint8)
     times = [0.5, 4.0]
     for order in (slice(None), slice(None, None, -1)):  # the bound does not depend on the order
@@ -139,7 +140,8 @@ def test_a_hundred_pictures_need_no_more_memory_than_ten(rng: np.random.Generato
         return result
 
     few = peak(10)
-    assert few < 40 * codes.size  # 20 bytes of sums, 4 of the result, masks; the chunk next to them is fixed
+    # per pixel: 20 bytes of sums, 4 bytes of the result, and masks; the memory of a chunk is fixed
+    assert few < 40 * codes.size
     assert peak(100) < few + codes.size / 2  # a stored picture would take codes.size
 
 
@@ -246,7 +248,7 @@ def well_exposed(codes: list[np.ndarray]) -> np.ndarray:
 def test_a_real_bracket_merges_as_colour_hdri_merges_it(
     real_bracket: tuple[Path, list[np.ndarray], list[float]], method: str, stops: float
 ) -> None:
-    """With sRGB as the given response. The tolerance is in stops, because the reference averages E unweighted."""
+    """The given response is sRGB. The tolerance is in stops, because the reference averages E without weights."""
     folder, codes, times = real_bracket
     with np.load(folder / "reference_colour_hdri_0.2.6.npz") as reference:
         theirs = reference["hdr_srgb_decoded_rgb"]

@@ -48,13 +48,14 @@ def refusal(capsys: pytest.CaptureFixture[str], pictures: Path, photographs: Pat
 
 def test_places_are_found(fitted: Fitted) -> None:
     error = np.linalg.norm(fitted.places.places[1] - Wall().places, axis=-1)[INNER]
-    assert np.median(error) < 0.15  # projector pixels; captures with noise of 0.2 % of white
+    assert np.median(error) < 0.15  # in projector pixels; the captures have noise of 0.2 % of white
     assert np.percentile(error, 95) < 0.5
 
 
 def test_the_response_is_found(fitted: Fitted) -> None:
     codes = np.repeat(np.linspace(0, 1, 18)[:, None], 3, axis=1)
-    np.testing.assert_allclose(fitted.processing.light(codes), codes**GAMMA, atol=0.03)  # 17 levels, 16 pictures
+    # φ has 17 levels, fitted to 16 pictures
+    np.testing.assert_allclose(fitted.processing.light(codes), codes**GAMMA, atol=0.03)
 
 
 def test_the_halo_is_separated_from_the_response() -> None:
@@ -65,7 +66,8 @@ def test_the_halo_is_separated_from_the_response() -> None:
     found = fit_pairs(pictures, captures, additive=True)
     codes = np.repeat(np.linspace(0, 1, 18)[:, None], 3, axis=1)
     error = found.processing.light(codes) - codes**GAMMA
-    assert np.sqrt(np.mean(error**2)) < 0.042  # share of white; 0.037 here, and 0.048 if the response explains the halo
+    # as a share of white: 0.037 here, and 0.048 if the response explains the halo
+    assert np.sqrt(np.mean(error**2)) < 0.042
 
 
 def test_the_halo_is_what_blurs_add(rng: np.random.Generator) -> None:
@@ -76,7 +78,7 @@ def test_the_halo_is_what_blurs_add(rng: np.random.Generator) -> None:
     model = Model(slope, offset, (level,))
     added = model.predict(shown) - (slope * shown + offset)
     assert added.min() > 0
-    np.testing.assert_allclose(model.halo(shown), added, rtol=1e-4, atol=1e-6)  # float32
+    np.testing.assert_allclose(model.halo(shown), added, rtol=1e-4, atol=1e-6)  # rounding to float32
 
 
 def test_colour_processing_is_found_without_the_offset_of_its_light(rng: np.random.Generator) -> None:
@@ -88,7 +90,7 @@ def test_colour_processing_is_found_without_the_offset_of_its_light(rng: np.rand
     codes = rng.uniform(0, 1, (20_000, 3))
     found = fit_processing(codes, light(codes) - 0.12, np.ones_like(codes))
     np.testing.assert_allclose(found.light(np.array([[0.0] * 3, [1.0] * 3])), [[0] * 3, [1] * 3], atol=1e-6)
-    np.testing.assert_allclose(found.light(codes), light(codes), atol=0.03)  # 17 and 7 levels, and a smooth prior
+    np.testing.assert_allclose(found.light(codes), light(codes), atol=0.03)  # φ has 17 and 7 levels, and a smooth prior
 
 
 def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None:
@@ -98,15 +100,15 @@ def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None
     error = np.sqrt(np.mean((predicted - true)[:, INNER[0], INNER[1]] ** 2))
     shown = fitted.shown(pictures)
     slope, offset, _ = regression(shown, true.astype(np.float32))
-    assert error < 0.012  # share of white; places, response and spread come from 16 noisy captures
+    assert error < 0.012  # as a share of white; places, response and spread come from 16 noisy captures
     assert error < 1.2 * np.sqrt(np.mean((slope * shown + offset - true)[:, INNER[0], INNER[1]] ** 2))
 
 
 def test_light_next_to_the_picture_falls_with_the_picture(fitted: Fitted) -> None:
-    """The pairs have no black picture, so that only the halo tells how dark the wall is without light."""
+    """The pairs have no black picture, so that the wall's darkness without light follows only from the halo."""
     black = np.zeros((1, *PROJECTOR, 3), np.uint8)
     error = (fitted.predict(black)[0] - Wall(halo=0.1).light(black[0]))[~fitted.lit]
-    assert np.sqrt(np.mean(error**2)) < 0.003  # share of white; 0.0016 here, and 0.008 without a free offset
+    assert np.sqrt(np.mean(error**2)) < 0.003  # as a share of white: 0.0016 here, and 0.008 without a free offset
 
 
 def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:
@@ -117,7 +119,7 @@ def test_the_transport_predicts_what_the_fit_predicts(fitted: Fitted) -> None:
     assert T.far is not None
     found = (T @ light).reshape(*CAMERA, 3) + ambient_of(fitted)
     error = (found - fitted.predict(picture)[0])[INNER]
-    assert np.sqrt(np.mean(error**2)) < 0.01  # share of white; dropped entries are below 2 % of the largest one
+    assert np.sqrt(np.mean(error**2)) < 0.01  # as a share of white; dropped entries are below 2 % of the largest one
 
 
 def test_content_identifies_the_pairs() -> None:
@@ -147,7 +149,8 @@ def test_the_command_makes_a_room_that_build_accepts(
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)
     assert (stored.calibration.projector.shape, stored.calibration.camera.shape) == (PROJECTOR, CAMERA)
-    assert np.percentile(np.abs(stored.calibration.ambient[INNER] - AMBIENT), 99) < 0.03  # extrapolated to black
+    # the ambient light is extrapolated to black
+    assert np.percentile(np.abs(stored.calibration.ambient[INNER] - AMBIENT), 99) < 0.03
     white = read_transport(stored).composition().reshape(*CAMERA, 3)[INNER]
     np.testing.assert_allclose(np.median(white / (0.9 * Wall().albedo[INNER])), 1, atol=0.05)
     inside, interval, T = [], read_interval(stored), read_transport(stored)
@@ -175,13 +178,14 @@ def test_a_room_from_8_bit_jpeg_with_a_black_photograph_and_a_smaller_camera(
     assert main(words) == 0
     found = re.search(r"held-out captures? predicted to (\d+\.\d) dB", capsys.readouterr().out)
     assert found is not None
-    assert float(found[1]) > 28  # 29.9 by a fit of 11 pairs with subsampled colour
+    assert float(found[1]) > 28  # measured: 29.9, by a fit of 11 pairs with subsampled colour
     stored = calibration.read(tmp_path / "room").calibration
     assert stored.camera.shape == (72, 96)
     assert np.percentile(np.abs(stored.ambient - AMBIENT), 99) < 0.006  # codes of 8 bits are 0.0008 apart; JPEG
     white = cv2.resize(0.9 * Wall().albedo, (96, 72), interpolation=cv2.INTER_AREA)[12:60, 15:78]
     T = read_transport(calibration.read(tmp_path / "room")).composition().reshape(72, 96, 3)[12:60, 15:78]
-    assert np.median(T / white) == pytest.approx(1, abs=0.12)  # extrapolated to white; 1.3 or more if read as linear
+    # T is extrapolated to white; photographs read as linear would give 1.3 or more
+    assert np.median(T / white) == pytest.approx(1, abs=0.12)
 
 
 def test_a_pair_that_does_not_belong_is_named_and_left_out(
@@ -289,7 +293,7 @@ def test_gains_come_from_pixels_that_are_bright_and_not_saturated() -> None:
     expected = np.tile(np.linspace(0.1, 0.8, 4000).reshape(40, 100, 1), (4, 1, 1, 3))
     captures = 1.2 * expected
     captures[1] = np.where(expected[1] > 0.4, 1, captures[1])  # the brighter half is saturated
-    expected[2] = captures[2] = 0.001  # black
+    expected[2] = captures[2] = 0.001  # an entirely black pair
     gains = capture_gains(expected, captures, np.ones((40, 100), bool))
     np.testing.assert_allclose(gains[:, 0], [1.2, 1, 1, 1.2])
 

@@ -228,7 +228,7 @@ def test_other_ambient_files_are_refused(
 def test_ambient_brighter_than_the_projector_leaves_nothing_lit(
     tmp_path: Path, matrices: list[sparse.csr_array], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """This happens when ambient light is in code values and T in radiance."""
+    """Ambient light in code values next to T in radiance is refused."""
     np.save(tmp_path / "ambient.npy", np.full((*CAMERA, 3), 1e5))
     line = refusal(tmp_path, capsys, "--ambient", str(tmp_path / "ambient.npy"))
     assert "no camera pixel counts" in line

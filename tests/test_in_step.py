@@ -101,7 +101,7 @@ def test_a_leader_s_seek_pause_step_and_speed_are_followed() -> None:
     assert pair.shown()[0] == pair.shown()[1]
     count = len(pair.follower.screen.uploaded)
     pair.advance(2)
-    assert len(pair.follower.screen.uploaded) == count  # no new seek
+    assert len(pair.follower.screen.uploaded) == count  # the follower has not sought again
     pair.leader.commands.set("speed", 2.0)
     pair.leader.commands.set("pause", False)
     pair.advance(2)
@@ -143,7 +143,7 @@ def test_the_list_is_followed_item_by_item() -> None:
     pair.advance(2)
     assert pair.follower.commands.get("playlist-playing-pos") == 2
     assert abs(pair.apart_s) < 0.005
-    pair.advance(4)  # after a full round
+    pair.advance(4)  # at the end of a round of the list
     assert [stage.commands.get("playlist-playing-pos") for stage in (pair.leader, pair.follower)] == [0, 0]
     assert abs(pair.apart_s) < 0.005
 
@@ -154,7 +154,7 @@ def test_a_list_that_ends_before_is_reported_once_in_a_while(capsys: pytest.Capt
     pair.wire._cues = [Cue(5, 0.0, 100.0, 1.0, False, True)] * 20
     pair.advance(4)
     assert capsys.readouterr().err.count("the leader plays medium 6, this list ends before") == 1
-    assert pair.follower.screen.uploaded[-1] > 90  # and still plays
+    assert pair.follower.screen.uploaded[-1] > 90  # and the follower still plays
 
 
 def test_a_leader_that_falls_silent_ends_nothing(capsys: pytest.CaptureFixture[str]) -> None:
@@ -209,7 +209,7 @@ def test_a_show_begins_by_the_clock(opens_s: float, capsys: pytest.CaptureFixtur
     assert not stage.screen.shown[-1][2]
     playback = stage.session.playback
     assert playback is not None
-    assert playback.now_s == pytest.approx(stage.clock.now - begun_s, abs=0.011)  # a step of the stage
+    assert playback.now_s == pytest.approx(stage.clock.now - begun_s, abs=0.011)  # within a step of the stage
 
 
 def test_a_time_that_has_passed_begins_at_once() -> None:
@@ -218,7 +218,7 @@ def test_a_time_that_has_passed_begins_at_once() -> None:
     up(stage, made, 0.3)
     assert not stage.screen.shown[-1][2]
     assert stage.screen.uploaded[0] == 0
-    assert stage.screen.uploaded[-1] < 10  # from its beginning
+    assert stage.screen.uploaded[-1] < 10  # the medium plays from its beginning
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ sys.exit(run(body))
 
 
 def test_a_signal_during_a_callback_of_glfw_ends_the_command() -> None:
-    """Exceptions that a callback of C code raises are lost. The show went on after SIGTERM."""
+    """Exceptions that a callback of C code raises are lost. The show once continued after SIGTERM."""
     words = [sys.executable, "-c", INTERRUPTED_IN_A_CALLBACK]
     done = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False)
     assert done.returncode == 130

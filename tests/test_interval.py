@@ -49,7 +49,8 @@ def test_nine_of_ten_values_of_new_captures_are_inside_in_every_part(rng: np.ran
     predicted, captured = captures(rng, 24)
     widths = np.stack([interval.half_width(each) for each in predicted])
     found = coverage(widths, predicted, captured, COUNTED)
-    assert found.share == pytest.approx(0.9, abs=0.006)  # 166 000 values; quantile and m of 24 captures
+    # error of a share over 166 000 values, with q and m from 24 captures
+    assert found.share == pytest.approx(0.9, abs=0.006)
     np.testing.assert_allclose(found.thirds, 0.9, atol=0.015)
     inside = np.abs(captured - predicted) <= widths
     sides = [inside[:, 3:45, columns].mean() for columns in (slice(5, 24), slice(40, 60))]
@@ -63,7 +64,7 @@ def test_the_width_is_the_quantile_of_the_noise(rng: np.random.Generator) -> Non
     ratio = interval.half_width(light) / (noise(light) * np.log(10) / np.sqrt(2))
     away = COUNTED & (np.abs(np.arange(SHAPE[1]) - 32) > 8)  # m is interpolated between cells
     assert np.median(ratio[away]) == pytest.approx(1, abs=0.06)
-    np.testing.assert_allclose(np.percentile(ratio[away], [5, 95]), 1, atol=0.2)  # 0.55 to 1.7 without m
+    np.testing.assert_allclose(np.percentile(ratio[away], [5, 95]), 1, atol=0.2)  # without m, the ratio is 0.55 to 1.7
 
 
 def test_an_interval_is_narrower_than_one_width(rng: np.random.Generator) -> None:
@@ -85,7 +86,7 @@ def test_errors_of_whole_captures_count_as_captures(rng: np.random.Generator) ->
 
     interval = fit_interval(*unsteady(60), COUNTED)
     inside = [interval.inside(p, c)[COUNTED].mean() for p, c in zip(*unsteady(60), strict=True)]
-    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)  # deviation of 0.1 per capture
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)  # the gain of a capture has a deviation of 0.1
     assert np.min(inside) < 0.85
 
 
@@ -103,7 +104,8 @@ def test_gains_that_the_held_back_captures_do_not_have_are_added(rng: np.random.
     captured = captured * (1 + gains * rng.normal(size=(60, 1, 1, 3)))
     widths = np.stack([interval.half_width(each) for each in predicted])
     found = coverage(widths, predicted, captured, COUNTED)
-    np.testing.assert_allclose([found.share, *found.thirds], 0.9, atol=0.035)  # deviation of 0.1 per capture
+    # the gain of a capture has a deviation of 0.1
+    np.testing.assert_allclose([found.share, *found.thirds], 0.9, atol=0.035)
     steady = np.stack([fit_interval(*captures(rng, 24), COUNTED).half_width(each) for each in predicted[:9]])
     assert coverage(steady, predicted[:9], captured[:9], COUNTED).thirds[2] < 0.8
 
@@ -128,7 +130,8 @@ def test_the_expected_quality_leaves_out_the_cameras_noise(rng: np.random.Genera
         "small errors",
         "clear errors",
     ]
-    np.testing.assert_allclose([each.within for each in found], 1.645 * np.sqrt(5) * 0.01, rtol=0.02)  # of a Gaussian
+    # quantiles of a Gaussian
+    np.testing.assert_allclose([each.within for each in found], 1.645 * np.sqrt(5) * 0.01, rtol=0.02)
 
 
 def test_an_interval_is_stored_with_a_room_and_damage_is_refused(rng: np.random.Generator, tmp_path: Path) -> None:

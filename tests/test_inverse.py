@@ -36,7 +36,7 @@ def test_the_plain_inverse_meets_the_penrose_conditions(rng: np.random.Generator
     for product in (A @ P, P @ A):
         np.testing.assert_allclose(product, np.swapaxes(product, 1, 2), atol=1e-9)  # cond ≤ 1e3 times float64 rounding
     np.testing.assert_allclose(A @ P @ A, A, atol=1e-9)
-    np.testing.assert_allclose(P @ A @ P, P, atol=1e-7)  # P's own size enters squared
+    np.testing.assert_allclose(P @ A @ P, P, atol=1e-7)  # the size of P enters squared
 
 
 @pytest.mark.parametrize("shape", [(13, 5), (5, 13)])

@@ -43,7 +43,7 @@ def test_its_error_bounds_hold_and_shrink(rng: np.random.Generator) -> None:
     for steps in (5, 20, 80):
         found = basis(T, b, lambdas, steps, 0.0)
         distance = np.sqrt(np.mean((found.damped(lambdas) - exact.T) ** 2, axis=0))
-        assert np.all(distance <= found.errors(lambdas) + 1e-5)  # the float32 basis
+        assert np.all(distance <= found.errors(lambdas) + 1e-5)  # the basis is float32
         assert np.all(found.errors(lambdas) < previous)
         previous = found.errors(lambdas)
 
@@ -97,7 +97,7 @@ def test_noise_alone_is_not_inverted(shape: tuple[int, int]) -> None:
         exact = rng.uniform(size=(shape[0], 4)) @ rng.uniform(size=(4, shape[1]))
         measured = exact * (1 + 1e-3 * rng.normal(size=shape))
         floor = noise_of_matrix(sparse.csr_array(measured), 1e-3)
-        assert np.linalg.norm(measured - exact, 2) <= floor  # the promise of noise_of_matrix
+        assert np.linalg.norm(measured - exact, 2) <= floor  # the bound that noise_of_matrix promises
         with_noise, without_noise = (damped_inverse(measured, np.zeros(()), noise) for noise in (1e-3, 0.0))
         assert np.linalg.norm(with_noise, 2) < 1 / floor
         assert np.linalg.matrix_rank(with_noise, tol=0.1 / np.linalg.norm(exact, 2)) == 4
@@ -130,6 +130,6 @@ def test_no_candidate_is_below_the_noise(rng: np.random.Generator) -> None:
 
 
 def test_a_single_weight_is_known_to_a_fifth() -> None:
-    """A cluster of one pixel each is dropped if five standard deviations reach its weight: 1 + 1 + 3."""
+    """In a cluster of one pixel each, row, column and 3 entries count: weights below 5 times the noise are dropped."""
     for noise, expected in ((0.19, 1 / 3), (0.21, 0.0)):
         assert damped_inverse(np.array([[3.0]]), np.zeros(()), noise)[0, 0] == pytest.approx(expected, rel=1e-12)

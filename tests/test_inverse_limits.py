@@ -89,7 +89,8 @@ def test_an_inverse_that_cannot_fit_is_refused_before_the_work(
     complaint: str,
 ) -> None:
     before = describe_files(built)
-    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 20 << 20)  # enough for the room and its maps
+    # enough memory for the room and its maps
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 20 << 20)
     monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", largest_dense)
     assert build_correction_map.main([str(built), "--inverse", "whole", "--regularize", "0.1"]) == 2
     line = capsys.readouterr().err
@@ -131,7 +132,8 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
     near = stacked((blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3)
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
     short, long = (InverseOptions(0.4, max_error, inverse="whole") for max_error in (4.0, 0.0))
-    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", 100)  # windows
+    # clusters are now inverted through windows
+    monkeypatch.setattr("counterlight.tools.inverse.method.LARGEST_DENSE", 100)
     needs = [invert_near_light(*arguments, each).T_pinv.indices.size * memory.ENTRY_BYTES for each in (short, long)]
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: sum(needs) // 2)
     monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # enough memory for the work itself
@@ -141,7 +143,7 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
 
 
 def test_small_clusters_beside_large_ones_do_not_make_a_map_look_small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a large room, most rows belong to tiny clusters and are done at once, while most entries belong to windows."""
+    """In a large room, most rows belong to tiny clusters, which are quick, while most entries belong to windows."""
     whole, windowed, each = 9000, 1000, 500
 
     def pieces(first: int, count: int, entries: int, halo: int) -> Piece:

@@ -43,7 +43,8 @@ def test_last_columns_of_inverse(rng: np.random.Generator) -> None:
     N = A @ A.T + np.eye(30)
     for count in (1, 11, 30):
         found = last_columns_of_inverse(np.asfortranarray(N.copy()), count)
-        np.testing.assert_allclose(found, np.linalg.inv(N)[:, 30 - count :], atol=1e-12)  # float64, condition 200
+        # float64, with a condition of 200
+        np.testing.assert_allclose(found, np.linalg.inv(N)[:, 30 - count :], atol=1e-12)
 
 
 @pytest.mark.parametrize("reach", [1, 7, 29])  # a narrow band, a wide band, and a reach too wide for a band solver
@@ -54,7 +55,7 @@ def test_columns_of_inverse_of_a_band(rng: np.random.Generator, reach: int, rast
     N = (A @ A.T + np.eye(30))[np.ix_(order, order)]
     wanted = np.array([2, 3, 11, 28])
     found = columns_of_inverse(sparse.csr_array(N), wanted)
-    np.testing.assert_allclose(found, np.linalg.inv(N)[:, wanted], atol=1e-12)  # float64, condition 200
+    np.testing.assert_allclose(found, np.linalg.inv(N)[:, wanted], atol=1e-12)  # float64, with a condition of 200
     with pytest.raises(np.linalg.LinAlgError):
         columns_of_inverse(sparse.csr_array(N - 10 * np.trace(N) * np.eye(30)), wanted)
 
@@ -87,7 +88,8 @@ def test_a_window_that_holds_everything_leaves_nothing(blur: Csr) -> None:
     found = channel.solve(everything[100:130], everything)
     assert found.residual.max() == 0
     expected = damped_inverse(blur.toarray().astype(float), np.array(0.05))[100:130]
-    np.testing.assert_allclose(found.columns.T, expected[:, found.camera], atol=1e-10)  # float64, condition 1e3
+    # float64, with a condition of 1e3
+    np.testing.assert_allclose(found.columns.T, expected[:, found.camera], atol=1e-10)
 
 
 def test_windows_agree_with_the_whole(rng: np.random.Generator, blur: Csr, monkeypatch: pytest.MonkeyPatch) -> None:

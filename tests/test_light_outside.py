@@ -112,7 +112,7 @@ def test_without_the_prior_it_would_be_more() -> None:
 def test_without_a_step_the_map_alone_keeps_it_dark_or_goes_on(outside: str, inverse: str) -> None:
     """Two projectors share a raster. The camera does not see the edges at which their regions meet.
 
-    Each projector continues its own picture.
+    Each projector's picture is continued by itself.
     """
     projector, camera, width = (4, 12), (8, 24), 6
     T = np.kron(np.eye(48), np.ones((4, 1)))
@@ -133,4 +133,4 @@ def test_without_a_step_the_map_alone_keeps_it_dark_or_goes_on(outside: str, inv
         assert not drive[unseen].any()
     else:
         expected = np.where(left, 0.8, 0.2)[unseen, None] * np.ones(3)
-        np.testing.assert_allclose(drive[unseen], expected, atol=0.02)  # error from damping and ties
+        np.testing.assert_allclose(drive[unseen], expected, atol=0.02)  # error by damping and ties

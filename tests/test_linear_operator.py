@@ -20,7 +20,7 @@ from tests.programs import ROOT
 
 CAMERA, PROJECTOR = (7, 9), (5, 6)
 CELLS = 4
-FLOAT32 = 1e-5  # entries are written out as float32
+FLOAT32 = 1e-5  # rounding of entries that are written out as float32
 
 
 def random_rows(rng: np.random.Generator, rows: int, columns: int) -> SparseRows:
@@ -136,7 +136,7 @@ def test_other_light_is_refused(parts: Transport, light: np.ndarray, complaint: 
 def test_a_folder_is_read_without_counterlight(
     parts: Transport, matrices: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The lines of docs/files.md know numpy only."""
+    """The lines of docs/files.md use only numpy."""
     monkeypatch.chdir(tmp_path)
     cl.Room(calibrated(parts), parts).write("room")
     block = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "files.md").read_text(), re.DOTALL)

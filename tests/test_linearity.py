@@ -93,7 +93,7 @@ def test_where_no_camera_pixel_sees_both_pictures_nothing_is_said(rng: np.random
     seen = np.where(lit, room.floodlight, 0), np.where(lit, 0, room.floodlight)
     assert bend_of(room, *seen) is None
     dark = Reference(room.black, room.floodlight, Noise(np.full(3, 0.1), np.zeros(3)), room.saturated, REPEATS)
-    assert bend_of(dark, *seen) is None  # noise is as large as any signal
+    assert bend_of(dark, *seen) is None  # the noise is as large as any signal
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (21, 30), (72, 96), (216, 384)])

@@ -1,4 +1,4 @@
-"""The remotes' connection to a show that answers slowly or has gone. A bare socket plays the show."""
+"""The remotes' connection to a show that answers slowly or has gone. A bare socket replaces the show."""
 
 import asyncio
 import json

@@ -67,7 +67,7 @@ def test_a_socket_that_is_there_listens(tmp_path: Path) -> None:
     for _ in range(100):
         servers.append(ControlServer(path))
         time.sleep(0.001)
-        path.unlink()  # before it is closed, because a closed socket refuses
+        path.unlink()  # the path is removed before the socket is closed, because a closed socket refuses
     stop.set()
     thread.join()
     for server in servers:
@@ -77,7 +77,7 @@ def test_a_socket_that_is_there_listens(tmp_path: Path) -> None:
 
 
 def test_what_a_player_leaves_that_is_killed_before_it_listens_is_removed(tmp_path: Path) -> None:
-    """Only a dead process's socket is removed. Process 1 lives, and a plain file is no socket."""
+    """Only a dead process's socket is removed: process 1 is alive, and a plain file is not a socket."""
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     names = [f".{dead.pid:x}.new", ".1.new"]

@@ -71,7 +71,7 @@ def test_pictures_come_without_end_at_the_time_of_their_arrival() -> None:
         assert not reader.ended
     assert times == sorted(set(times))
     assert numbers == sorted(set(numbers))
-    # paced: never faster than the source's rate, however busy the machine is
+    # paced: frames never come faster than the source's rate, however busy the machine is
     assert time.monotonic() - start >= 17 / 25
 
 
@@ -129,7 +129,7 @@ def test_a_source_that_breaks_off_is_opened_again() -> None:
             numbers.append(int(frame.planes[0][0, 0]))
             reader.release(frame)
         lost, back = reader.notices()[:2]
-    assert numbers == [1, 2, 3, 4] * 3  # `nobuffer`: pictures that FFmpeg read to recognise the stream are not shown
+    assert numbers == [1, 2, 3, 4] * 3  # `nobuffer`: pictures that FFmpeg reads to recognise the stream are not shown
     assert lost.endswith("lost (it ended); reconnecting")
     assert back.endswith("back")
 

@@ -105,7 +105,7 @@ def test_a_setting_that_it_keeps_is_refused(eye: MachineVisionEye, monkeypatch: 
 
 def test_exposures_are_seconds(eye: MachineVisionEye) -> None:
     eye.expose(1 / 60)
-    assert float(setting(eye, "ExposureTime")) == pytest.approx(1e6 / 60, abs=1)  # microseconds
+    assert float(setting(eye, "ExposureTime")) == pytest.approx(1e6 / 60, abs=1)  # in microseconds
     with pytest.raises(InputError, match=r"no exposure of 100 s, its range is 1e-06 to 10 s"):
         eye.expose(100)
 

@@ -52,7 +52,7 @@ def test_the_command_recovers_the_response_and_the_light(
     assert (ended.returncode, ended.stderr) == (0, "")
     assert re.search(r"176x120, 5 pictures of 0\.25 to 64 s, .* response recovered \(debevec\), CPU: ", ended.stdout)
     found = exposure_table(named_response(str(curve)), 256, 3)
-    # as in test_hdr.py
+    # the same bound as in test_hdr.py
     np.testing.assert_allclose(found[16:250], exposure_table(CURVES["srgb"], 256, 3)[16:250], rtol=0.05)
     ratio = read_rgb(output) / scene
     # A channel's scale is known only up to its curve, 5 %. Quantisation adds the rest: the darkest pixels have ten
@@ -92,7 +92,7 @@ def test_shots_of_one_exposure_are_averaged(rng: np.random.Generator, tmp_path: 
     output = tmp_path / "out.exr"
     arguments = [*names, "--times", *["0.1"] * 3, "--method", "average", "--response", "linear"]
     assert main([*arguments, "-o", str(output)]) == 0
-    np.testing.assert_allclose(read_rgb(output), np.mean(shots, axis=0) / 255 / 0.1, rtol=3e-7)  # float32
+    np.testing.assert_allclose(read_rgb(output), np.mean(shots, axis=0) / 255 / 0.1, rtol=3e-7)  # rounding to float32
 
 
 def write_exif(path: Path, codes: np.ndarray, tags: dict[int, object]) -> str:

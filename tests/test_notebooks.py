@@ -19,7 +19,7 @@ def test_transport_is_measured_solved_and_compared() -> None:
     assert quality.keys() == {"direct", "qr", "svd", "nnls", "box", "scipy"}
     assert quality["box"] == pytest.approx(
         quality["scipy"], abs=0.1
-    )  # judged in the true room, both solved in the measured one
+    )  # both drives are judged in the true room, and solved in the measured room
     assert max(quality[name] for name in ("direct", "qr", "svd")) < quality["box"]
     T, measured = found["room"].transport, found["measured"].transport
     p = np.full((*found["room"].projector, 3), 0.5)

@@ -64,8 +64,8 @@ def test_a_footprint_that_the_edge_cuts_does_not_count(width: float) -> None:
 
 def test_dark_paint_counts_and_does_not_make_white_dark() -> None:
     composition = np.ones((10, 10, 3))
-    composition[:2] = 0.03  # ink
-    composition[9] = 0.004  # stray light
+    composition[:2] = 0.03  # a line of ink
+    composition[9] = 0.004  # a line of stray light
     lit = lit_pixels(composition, np.zeros_like(composition), share=DARK_PAINT)
     assert lit[:9].all()
     assert not lit[9].any()
@@ -97,7 +97,7 @@ def test_how_much_is_seen_does_not_depend_on_paint() -> None:
 
 
 def test_a_pixel_of_less_than_no_light_is_held_like_one_that_nobody_sees() -> None:
-    """The factors of a dense T may give such a pixel, which once made N of T⁺ not positive definite."""
+    """Factors of a dense T may give a pixel a slightly negative value; N of T⁺ was then not positive definite."""
     T = np.kron(np.eye(12), np.ones((2, 1)))
     T[22:] = 0
     gather = np.tile(np.append(np.zeros(11), -1e-9), (3, 1, 1))
@@ -169,7 +169,7 @@ def test_what_is_seen_is_not_held() -> None:
 
 def blurred(rng: np.random.Generator, options: ObjectiveOptions) -> Objective:
     T = blurred_transport(rng, CAMERA, PROJECTOR, 0.6).tolil()
-    T[:, :3] *= 0.0  # unseen
+    T[:, :3] *= 0.0  # unseen projector pixels
     T = Transport(stacked([sparse.csr_array(T, dtype=np.float32)] * 3))
     mask = rng.uniform(size=CAMERA) < 0.8
     return objective_of(T, calibration_of(T, CAMERA, [PROJECTOR], mask), options)
@@ -201,7 +201,8 @@ def test_a_prior_as_a_matrix_is_what_a_step_applies(rng: np.random.Generator) ->
     p = rng.uniform(size=(*PROJECTOR, 3))
     expected = pull(p, prior.damping, prior.right, prior.down)
     for i, P in enumerate(prior_matrices(prior, np.zeros(p[..., 0].size, np.int64))):
-        np.testing.assert_allclose((P @ p[..., i].ravel()).reshape(PROJECTOR), expected[..., i], atol=1e-6)  # float32
+        # rounding to float32
+        np.testing.assert_allclose((P @ p[..., i].ravel()).reshape(PROJECTOR), expected[..., i], atol=1e-6)
         assert np.abs(P - P.T).max() < 1e-6
     apart = prior_matrices(prior, np.arange(p[..., 0].size))
     np.testing.assert_allclose(apart[0].toarray(), np.diag(prior.damping[..., 0].ravel()), atol=1e-6)

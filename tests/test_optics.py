@@ -98,7 +98,8 @@ def test_rays_bend_as_snell_says(rng: np.random.Generator) -> None:
     bent, _ = refracted(incoming, normals, ratio)
     sines = [np.linalg.norm(np.cross(d, normals), axis=1) for d in (incoming, bent)]
     np.testing.assert_allclose(sines[1], ratio * sines[0], atol=1e-12)
-    np.testing.assert_allclose(np.sum(np.cross(incoming, normals) * bent, axis=1), 0, atol=1e-12)  # in one plane
+    # all three directions are in one plane
+    np.testing.assert_allclose(np.sum(np.cross(incoming, normals) * bent, axis=1), 0, atol=1e-12)
     assert (np.sum(bent * normals, axis=1) < 0).all()
 
 
@@ -154,7 +155,7 @@ def test_a_slab_shifts_what_is_seen_through_it_as_snell_says(tmp_path: Path, abb
     for colour, n in enumerate(indices):
         strongest, found = np.zeros(len(directions)), np.zeros((len(directions), 3))
         for batch in batches:
-            order = np.argsort(batch.throughput[:, colour])  # brightest last
+            order = np.argsort(batch.throughput[:, colour])  # the brightest ray is last
             brighter = batch.throughput[order, colour] > strongest[batch.pixel[order]]
             rows = order[brighter]
             found[batch.pixel[rows]], strongest[batch.pixel[rows]] = batch.point[rows], batch.throughput[rows, colour]
@@ -193,7 +194,8 @@ def test_a_ball_lens_has_its_paraxial_focal_length(tmp_path: Path, shape: str) -
     aside, slope = np.sum(rays.origin * sideways, axis=1), np.sum(rays.direction * sideways, axis=1)
     focus = rays.origin[:, 2] - aside / slope * rays.direction[:, 2]
     expected = n * 2 * radius / (4 * (n - 1))
-    np.testing.assert_allclose(1 - focus, expected, rtol=5e-3 if shape == "sphere" else 2e-2)  # spherical aberration
+    # spherical aberration moves the focus
+    np.testing.assert_allclose(1 - focus, expected, rtol=5e-3 if shape == "sphere" else 2e-2)
 
 
 @pytest.mark.parametrize("absorption", [0.0, 2.0])
@@ -316,7 +318,7 @@ def test_without_an_abbe_number_there_is_no_dispersion(tmp_path: Path) -> None:
     for i in range(3):
         assert T[i].data.tobytes() == without[i].data.tobytes()
     red, blue = T[0] / 0.5 - T[2] / 0.7, bent[0] / 0.5 - bent[2] / 0.7
-    assert np.abs(red).max() < 1e-6  # float32
+    assert np.abs(red).max() < 1e-6  # rounding to float32
     assert np.abs(blue).max() > 0.05
 
 

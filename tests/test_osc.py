@@ -92,7 +92,7 @@ def test_random_and_damaged_packets_are_no_messages_or_some(rng: np.random.Gener
     good = bytes(builder.build().dgram)
     assert [message.params for message in messages_of(good)] == [[0.5]]
     nested = good
-    for _ in range(400):  # bundles inside bundles
+    for _ in range(400):  # bundles are nested
         nested = b"#bundle\0" + bytes(7) + b"\1" + len(nested).to_bytes(4, "big") + nested
     assert messages_of(nested) in ([], messages_of(good)) or len(messages_of(nested)) == 1
     for index in range(5000):

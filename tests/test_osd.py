@@ -50,7 +50,7 @@ def test_columns_stand_below_each_other() -> None:
 def test_opacity_scales_alpha_alone() -> None:
     full, half = (draw(Page(("text",), opacity=opacity), WINDOW) for opacity in (1.0, 0.5))
     np.testing.assert_array_equal(full[..., :3], half[..., :3])
-    np.testing.assert_allclose(half[..., 3], full[..., 3] / 2, atol=1)  # rounding to a code
+    np.testing.assert_allclose(half[..., 3], full[..., 3] / 2, atol=1)  # rounding to one code
     assert full[..., 3].min() == round(255 * GROUND_ALPHA)
     assert full[..., 3].max() == 255
 

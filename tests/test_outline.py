@@ -1,4 +1,4 @@
-"""The outline while a picture is placed: its points, where the projector lights them, its dots, when it appears."""
+"""The outline while a picture is placed: its points, the places that the projector lights, when it appears."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def test_in_a_window_the_outline_follows_the_part_that_is_shown() -> None:
     rows, columns = np.nonzero((overlay == INK).all(axis=2))
     assert (rows.mean(), columns.mean()) == (2 + 7, 4 + 5)
     assert not overlay[:, :4].any()  # left of the picture
-    assert not overlay_of(page, (40, 30), None, Region(0, 0, 1, 1), (4, 2, 20, 20)).any()  # black stays black
+    assert not overlay_of(page, (40, 30), None, Region(0, 0, 1, 1), (4, 2, 20, 20)).any()  # a black window stays black
     text = overlay_of(Page(("text",), outline=page.outline), (400, 300), (20, 10), Region(0, 0, 20, 10), (0, 0, 20, 10))
     assert text[5, 5, 3] > 0
     assert not text[200, 300].any()

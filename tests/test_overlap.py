@@ -46,7 +46,7 @@ def rooms(rng: np.random.Generator) -> dict[str, Transport]:
 def test_cosines_are_those_of_the_matrix_written_out(
     rng: np.random.Generator, room: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(overlaps, "AT_ONCE", 500)  # many batches
+    monkeypatch.setattr(overlaps, "AT_ONCE", 500)  # small batches, so that there are many
     T = rooms(rng)[room]
     weights = seen_by(T, rng)
     for found, axis in zip(overlap(T, weights, PROJECTOR), (1, 0), strict=True):
@@ -90,7 +90,10 @@ def test_ties_are_as_strong_as_what_the_camera_would_see_of_a_drift(rng: np.rand
 
 
 def test_neighbours_that_share_a_coarse_camera_pixel_are_still_tied() -> None:
-    """Each camera pixel is the mean of four projector pixels, so κ is 1 inside it. A finer camera may differ."""
+    """Each camera pixel is the mean of four projector pixels, so κ is 1 inside it.
+
+    With a finer camera, κ may differ.
+    """
     camera, projector = (8, 9), (16, 18)
     y, x = np.mgrid[: projector[0], : projector[1]].reshape(2, -1)
     T = np.zeros((3, camera[0] * camera[1], projector[0] * projector[1]))

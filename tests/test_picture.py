@@ -94,7 +94,7 @@ def test_the_controls_mean_what_they_mean_in_mpv(adjustments: Adjustments, formu
 
 
 def test_saturation_uses_the_luma_of_the_medium(rng: np.random.Generator) -> None:
-    """Without colour, only the luma plane remains, for any colour matrix."""
+    """At saturation −100, the picture equals the luma plane, for any colour matrix."""
     for matrix in ("bt601", "bt709", "bt2020"):
         frame = yuv_frame(rng, (24, 32), matrix=matrix, full_range=True, transfer="linear")
         room = diagonal_room(1.0, 0.0)
@@ -148,14 +148,20 @@ def test_the_black_level_lifts_black_and_keeps_white() -> None:
 
 @pytest.mark.parametrize("percent", [1.0, 7.0, 12.0])
 def test_what_is_too_bright_is_scaled_until_the_share_may_clip(percent: float) -> None:
-    """White in a room that reaches 0.6 of white. At scale s, s − 0.6 clips, so s = 0.6 + the allowed share."""
+    """White in a room that reaches 0.6 of white.
+
+    At scale s, the light s − 0.6 is clipped, so s = 0.6 + the allowed share.
+    """
     c = opened(diagonal_room(0.6, 0.0), even((255, 255, 255)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.6 + percent / 100, atol=1e-6)
 
 
 @pytest.mark.parametrize("percent", [2.0, 10.0])
 def test_what_is_too_dark_is_lifted_until_the_share_may_clip(percent: float) -> None:
-    """Black is lifted to o under ambient light of 0.16. The rest, 0.16 − o, clips: at most half of the share."""
+    """Black is lifted to o under ambient light of 0.16.
+
+    The remaining 0.16 − o is clipped: at most half of the share.
+    """
     c = opened(diagonal_room(1.0, 0.16), even((0, 0, 0)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.16 * (1 - percent / 200), atol=1e-6)
 
@@ -286,7 +292,7 @@ def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:
 
 
 def test_the_clipping_map_shows_what_the_room_cannot() -> None:
-    """White at 0.6 of its target is fully coloured; black in ambient light of 0.1, by half and a fifth; grey, not."""
+    """White at 0.6 of its target is fully coloured. Black in ambient light of 0.1 is partly coloured, grey is not."""
     codes = np.zeros((24, 32, 3), np.uint8)
     codes[:, 8:24], codes[:, 24:] = 128, 255
     room, picture = diagonal_room(0.5, 0.1), Adjustments(clipping=True)

@@ -130,7 +130,7 @@ def test_random_pictures_tell_the_shape_of_spots(rng: np.random.Generator) -> No
     errors = [error(acquired(room_of(truth), count, QUIET).measured.transport, truth) for count in (9, 20, 48)]
     assert errors[0] > 0.15
     assert errors[1] < 0.6 * errors[0]
-    assert errors[2] < 0.1 * errors[0]  # 111 equations for 49 unknowns, 16-bit noise
+    assert errors[2] < 0.1 * errors[0]  # the fit has 111 equations for 49 unknowns, and 16-bit noise
 
 
 def test_even_far_light_is_distinguished_from_wide_spots(rng: np.random.Generator) -> None:
@@ -353,7 +353,8 @@ def test_two_projectors_and_two_cameras(rng: np.random.Generator) -> None:
                 alone = acquired(room_of(meant), 9, QUIET).measured.transport
                 assert error(found, alone) < 0.002  # exposures are rounded differently
                 assert error(found, meant) < 0.08  # nine pictures, none of them random
-    again = acquire_pictures(camera, store, 20, both, LINEAR)  # 19 pictures: only whole rounds are used
+    # of 20 pictures, 19 are used, because only whole rounds count
+    again = acquire_pictures(camera, store, 20, both, LINEAR)
     assert [(each.pictures, each.resumed) for each in again] == [(10, 9), (9, 8)]
 
 

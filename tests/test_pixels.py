@@ -40,7 +40,7 @@ def test_semi_planar_yuv_is_only_repacked(
 def test_packed_422_is_unpacked(order: str, rng: np.random.Generator) -> None:
     letters = order[:4] if order.endswith("422") else "yuyv"
     depth = 8 if order.endswith("422") else 10
-    packed = rng.integers(0, 1 << depth, (5, 4, 4))  # (rows, pairs of pixels, samples)
+    packed = rng.integers(0, 1 << depth, (5, 4, 4))  # the axes are rows, pairs of pixels, samples
     stored = packed.astype(np.uint8) if depth == 8 else (packed << 6).astype(np.uint16)
     samples = pixels.unpack(_frame_of_rows(stored, order, width=7), picture=False)
     luma = packed[..., letters.index("y") :: 2].reshape(5, -1)[:, :7]

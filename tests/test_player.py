@@ -66,7 +66,8 @@ def test_an_exr_is_compensated_as_the_equation_says(
     succeed("play", *files, "--backend", backend, "--refine", "0")
     stored = calibration.read(room)
     expected = np.clip(drive_of(maps.read_maps(stored), target - stored.calibration.ambient), 0, 1)
-    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the required tolerance
+    # the tolerance that the product promises
+    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)
 
 
 def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -139,7 +140,7 @@ def test_gl_and_cpu_render_the_same_codes(room: Path, tmp_path: Path) -> None:
 def test_a_file_is_rendered_on_the_processor_where_no_gpu_runs_opengl(
     room: Path, tmp_path: Path, gl_context: moderngl.Context
 ) -> None:
-    """This holds on any machine. An explicit backend or path is kept without a comment."""
+    """An explicit backend or path is used on any machine, without a message."""
     software = in_software(gl_context.info["GL_RENDERER"])
     for number, (options, used) in enumerate(
         (
@@ -388,7 +389,7 @@ def test_an_interrupt_leaves_the_previous_map(
     for step in (
         "counterlight.maps.row_map.write",
         "counterlight.tools.inverse.near_light.join",
-    ):  # while writing; while computing
+    ):  # one signal during writing, one during computing
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)
             assert build_correction_map.main([str(room)]) == 130
@@ -439,4 +440,4 @@ def test_frames_keep_their_times(room: Path, tmp_path: Path, suffix: str) -> Non
     succeed("play", room, clip, "--output", rendered)
     with av.open(f"file:{rendered}") as container:
         found = [float(frame.time) for frame in container.decode(video=0)]
-    np.testing.assert_allclose(found, times, atol=1.1e-3)  # Matroska counts milliseconds
+    np.testing.assert_allclose(found, times, atol=1.1e-3)  # Matroska states times in milliseconds

@@ -34,7 +34,7 @@ def state(stage: Stage) -> tuple[str, str, int, int]:
         (("playlist-remove", 1), ("acd", "c", 1, 1)),
         (("playlist-remove", "current"), ("acd", "c", 1, 1)),
         (("playlist-clear",), ("b", "b", 0, 0)),
-        (("playlist-move", 1, 3), ("acbd", "b", 2, 2)),  # as in mpv: before the entry that was at 3
+        (("playlist-move", 1, 3), ("acbd", "b", 2, 2)),  # as in mpv, the entry moves before the entry that was at 3
         (("playlist-move", 1, 4), ("acdb", "b", 3, 3)),
         (("playlist-move", 3, 0), ("dabc", "b", 2, 2)),
         (("playlist-move", 0, 0), ("abcd", "b", 1, 1)),

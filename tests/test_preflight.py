@@ -1,4 +1,4 @@
-"""The checks before an acquisition: a sound rig passes, and each fault gets its own advice."""
+"""The checks before an acquisition: a rig without faults passes, and each fault gets its own advice."""
 
 import re
 import sys
@@ -50,7 +50,7 @@ class Faulty(SimulatedCamera):
         frame, skip, show = self.eye.frame, self.eye.skip, self.screen.show
         self.since, self.mean = 0, -1.0
 
-        def counted_skip() -> None:  # a frame skips one, too
+        def counted_skip() -> None:  # a frame skips one frame, too
             self.since += 1
             skip()
 
@@ -76,7 +76,7 @@ def test_a_sound_rig_passes_and_its_lag_is_found(room: SimulatedRoom, lag: int) 
 
 @pytest.mark.parametrize("bracket", [(1.0, 4.0), (4.0, 1.0), (4.0, 1.0, 2.0)])
 def test_a_bracket_may_come_in_any_order(room: SimulatedRoom, bracket: tuple[float, ...]) -> None:
-    """The shortest exposure measures what the longer ones saturate."""
+    """The shortest exposure measures light that saturates the longer exposures."""
     found = findings(SimulatedCamera(room, replace(NOISY, exposures=bracket)))
     assert [finding.grade for finding in found.values()] == ["good"] * len(CHECKS)
 

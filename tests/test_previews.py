@@ -65,7 +65,8 @@ def test_a_show_with_time_left_gives_a_share_of_it(cost_s: float) -> None:
     while costly.now_s < 60:
         if previews.take("screen", -1) is None:
             costly.now_s += 0.001
-    assert costly.made * cost_s / costly.now_s == pytest.approx(MOST_TIME, rel=0.1)  # the client asks up to 1 ms late
+    # the client's request comes up to 1 ms late
+    assert costly.made * cost_s / costly.now_s == pytest.approx(MOST_TIME, rel=0.1)
 
 
 def test_a_show_without_time_left_is_disturbed_seldom() -> None:
@@ -80,7 +81,7 @@ def test_a_show_without_time_left_is_disturbed_seldom() -> None:
             costly.now_s += 0.01
     assert costly.made * 0.05 / (costly.now_s - began) == pytest.approx(
         MOST_STOLEN, rel=0.1
-    )  # the client asks up to 10 ms late
+    )  # the client's request comes up to 10 ms late
     assert stage.session.playback is not None
     stage.session.playback.paused = True
     costly.now_s += LEAST_S
@@ -88,4 +89,4 @@ def test_a_show_without_time_left_is_disturbed_seldom() -> None:
     for _ in range(4):
         costly.now_s += 1.0
         previews.take("screen", -1)
-    assert costly.made == made + 4  # a paused show has time
+    assert costly.made == made + 4  # while paused, there is time for previews

@@ -336,7 +336,7 @@ def advance_until(stage: Stage, condition: Callable[[], bool]) -> None:
 
 
 def test_a_list_on_a_disk_that_does_not_answer_stops_nothing(tmp_path: Path) -> None:
-    """A function that waits replaces the disk. The playlist is passed over after its time limit."""
+    """A function that waits replaces the disk. The playlist is skipped after its time limit."""
     answer = threading.Event()
     stage = Stage(Reader("a", count=50_000))
 

@@ -205,7 +205,7 @@ def test_colours_beyond_the_projector_are_reported(rng: np.random.Generator) -> 
     assert found, light
     wanted = srgb(np.stack(np.meshgrid(*[np.linspace(0, 1, 17)] * 3), axis=-1).reshape(-1, 3))
     codes = np.ones_like(wanted)
-    for _ in range(60):  # each round corrects every code alone
+    for _ in range(60):  # a round corrects each code by itself
         codes = np.minimum(codes * (wanted / np.maximum(dull(codes), 1e-9)) ** (1 / 2.2), 1)
     beyond = np.any(dull(codes) < wanted - 0.02, axis=1)
     assert float(found[1]) == pytest.approx(100 * beyond.mean(), abs=1)  # B is measured within a hundredth
@@ -259,12 +259,12 @@ def test_a_given_response_counts_and_is_compared(rng: np.random.Generator) -> No
     assert done.coloured.error > 0.3
     assert done.by_measured.error < 2 * done.by_measured.noise + 0.01
     (warning,) = report_on(done, wrong).warnings
-    assert warning.startswith("the given response is up to 28 % of white")  # at code 132
+    assert warning.startswith("the given response is up to 28 % of white")  # the largest difference is at code 132
     assert "leave out --response" in warning
 
 
 def test_a_primary_that_is_not_seen_has_the_curve_of_grey(rng: np.random.Generator) -> None:
-    """With a red filter on the camera, or a laser that is off, blue cannot be measured. Acquisition continues."""
+    """With a red filter on the camera, or a laser that is off, blue cannot be measured. The acquisition continues."""
     T = list(channels(sharp_wall(rng).near))
     T[2] = T[2] * 0
     done = acquired(rng, gammas(2.2, 2.2, 2.2), transport=Transport.from_matrices(T))

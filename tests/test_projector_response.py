@@ -73,7 +73,8 @@ def test_noise_is_pooled_and_repeats_are_averaged(rng: np.random.Generator) -> N
     assert np.diff(table, axis=0).min() > 0
     assert 0 < fitted.pooled < 0.01  # a third of a percent, halved by four repeats; differences of two readings
     codes = np.linspace(0, 1, 256)
-    np.testing.assert_allclose(table, curve_of(CURVES["srgb"], codes), atol=0.008)  # five standard deviations
+    # five standard deviations of the noise
+    np.testing.assert_allclose(table, curve_of(CURVES["srgb"], codes), atol=0.008)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +206,7 @@ def test_a_measured_projector_is_linearised(shared_data: Path, tmp_path: Path) -
     light = np.linspace(0, 1, 200)[None, :, None].repeat(3, axis=2)
     codes = encode(light, response.inverse_table())[0].astype(np.float64)
     shown = np.stack([np.interp(codes[:, i], levels, relative[:, i]) for i in range(3)], axis=1)
-    assert np.abs(shown - light[0]).max() < 0.02  # as above, plus half a code
+    assert np.abs(shown - light[0]).max() < 0.02  # the step at level 215, plus half a code
 
 
 def test_scenes_and_fitted_responses_read_each_other(tmp_path: Path) -> None:

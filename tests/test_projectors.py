@@ -173,7 +173,10 @@ def until(condition: object, what: str) -> None:
 def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The keeper switches on before the show and off afterwards, but not in between. One is slow, one absent."""
+    """The keeper switches on before the show and off afterwards, but not in between.
+
+    One projector is slow, and one does not answer.
+    """
     monkeypatch.setattr(hours, "AGAIN_S", 0.02)
     now = [at("23 09:00:00")]
     with projector(slow=3, erst="000010") as slow, projector(power=ON) as lit:
@@ -200,7 +203,7 @@ def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
 
 
 def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The projector obeys off and then on. The test completes the warm-up by hand, and the keeper switches off."""
+    """The projector obeys off and then on. The test ends the warm-up, and the keeper switches off."""
     monkeypatch.setattr(hours, "AGAIN_S", 0.2)
     now = [at("23 09:00:00")]
     with projector(slow=10**6) as lamp:
@@ -215,7 +218,7 @@ def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypat
 
 
 def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One projector warms up slowly, and one refuses the password. One is switched alone, then all."""
+    """One projector warms up slowly, one refuses the password. First one projector is switched, then all of them."""
     monkeypatch.setattr(pjlink, "AGAIN_S", 0.02)
     with projector(slow=3, erst="000010") as slow, projector(password="right") as locked, projector() as other:
         asked = Lamps([of(slow), of(locked, "wrong"), of(other)])
@@ -229,7 +232,7 @@ def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.Monk
         until(lambda: other.power == ON, "all")
         asked.switch(None, on=False)
         until(lambda: asked.told()[0]["power"] == asked.told()[2]["power"] == "off", "all off")
-        told = asked.told()  # read before the projectors close, because a question may still be unanswered
+        told = asked.told()  # read before the projectors close, because a question may then remain unanswered
         asked.close()
     assert told[0] == {
         "address": f"127.0.0.1:{slow.port}",

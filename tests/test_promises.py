@@ -63,7 +63,7 @@ def test_a_still_is_drawn_again_until_its_promise_is_kept_and_then_stays() -> No
     until(stage, lambda: stage.below(stage.screen.steps[-1]) <= 0.05)
     drawn = len(stage.screen.steps)
     stage.advance(3.0, step=0.1)
-    assert len(stage.screen.steps) <= drawn + 2  # fewer steps may suffice
+    assert len(stage.screen.steps) <= drawn + 2  # a few frames are drawn again, because fewer steps may suffice
     assert stage.below(stage.screen.steps[-1]) <= 0.05
 
 

@@ -135,7 +135,7 @@ def test_frames_of_film_go_on_from_the_one_before(place: Place) -> None:
     question = moving.film(place)
     below = {(answer.series, answer.cost): answer.below for answer in question.answers}
     for begin in ("T⁺", "direct mapping"):
-        for steps in moving.STEPS:  # carried momentum helps, or disappears in float32 where nothing is left to gain
+        for steps in moving.STEPS:  # carried momentum helps; where nothing is left to gain, it disappears in float32
             assert below[f"film, from {begin}", steps] <= below[f"stills, from {begin}", steps] + 0.005
         assert below[f"film, from {begin}", 1] < 0.9 * below[f"stills, from {begin}", 1]
         assert below[f"film, from {begin}", 16] < 0.03  # the cost of priors
@@ -154,7 +154,7 @@ def test_more_shots_come_closer_to_the_rooms_own_transport(tmp_path: Path, monke
     monkeypatch.setattr(acquiring, "WAYS", ways)
     question = acquiring.pictures(place)
     gray, one, more = question.answers
-    assert gray.below > one.below > more.below  # one place per pixel; noise; half of the noise
+    assert gray.below > one.below > more.below  # one place per pixel; noise of one shot; half of this noise
     assert more.below < 0.1
     assert (one.cost or 0) < (more.cost or 0)
     assert question.verdict.endswith("dB of what the true T gives.")

@@ -84,7 +84,8 @@ def test_shares_are_of_the_side_that_has_moved_outwards(
     assert share is not None
     from_raster = unbounded[:, columns()].sum(axis=1)
     dim = share.ravel() < 1
-    np.testing.assert_allclose(share.ravel()[dim], np.maximum(from_raster / flood, 0.05)[dim], rtol=1e-5)  # float32
+    # rounding to float32
+    np.testing.assert_allclose(share.ravel()[dim], np.maximum(from_raster / flood, 0.05)[dim], rtol=1e-5)
     assert (share[6:-9, -3] < 0.9).all()  # pixels next to the raster
     assert (share[:-9, : -CAMERA[1] // 3] == 1).all()
 
@@ -122,7 +123,7 @@ def test_asked_for_its_share_the_border_arrives_as_it_would_have(
         error = (T @ shown.ravel() - wanted).reshape(CAMERA)
         errors.append(float(np.abs(error[5:-5, -9:-3]).max()))
     assert errors[0] > 0.012
-    assert errors[1] < 0.6 * errors[0]  # 0.43: the rest comes from the mirrored border
+    assert errors[1] < 0.6 * errors[0]  # 0.43 here; the remaining error comes from the mirrored border
 
 
 def test_shares_divide_what_is_asked_and_multiply_what_is_seen(rng: np.random.Generator) -> None:
@@ -131,7 +132,8 @@ def test_shares_divide_what_is_asked_and_multiply_what_is_seen(rng: np.random.Ge
     pixel = (np.eye(3) + 0.1 * rng.uniform(-1, 1, (4, 5, 3, 3))).astype(np.float32)
     for mixing in (Mixing(), Mixing(None, pixel)):
         shared = mixing.shared(share)
-        np.testing.assert_allclose(shared.asked(light), share[..., None] * mixing.asked(light), rtol=1e-5)  # float32
+        # rounding to float32
+        np.testing.assert_allclose(shared.asked(light), share[..., None] * mixing.asked(light), rtol=1e-5)
         np.testing.assert_allclose(shared.seen(shared.asked(light)), light, rtol=1e-5)
 
 
@@ -154,5 +156,5 @@ def test_a_room_is_played_with_its_shares(tmp_path: Path, rng: np.random.Generat
         renderer.release()
     (drive, seen), (less, same) = found
     assert 0 < drive.max() < 1
-    np.testing.assert_allclose(less, drive / 2, rtol=1e-5, atol=1e-9)  # float32
+    np.testing.assert_allclose(less, drive / 2, rtol=1e-5, atol=1e-9)  # rounding to float32
     np.testing.assert_allclose(same, seen, rtol=1e-5, atol=1e-9)

@@ -204,7 +204,7 @@ def test_a_bracket_is_merged_as_linear_with_its_own_times(rng: np.random.Generat
     assert "44x30, 3 pictures of 0.125 to 2 s, debevec, hat weights, response linear" in ended.stdout
     found = read_rgb(tmp_path / "out.exr")
     step = 1 / (WHITE - 512) / 0.125  # a code of the shortest exposure, which alone measures the brightest light
-    assert np.abs(found - light).max() < 0.51 * step + 1e-3 * light.max()  # plus half-float rounding
+    assert np.abs(found - light).max() < 0.51 * step + 1e-3 * light.max()  # half a step, plus rounding to half-float
 
 
 def test_a_curve_is_refused_for_what_is_linear(
@@ -227,7 +227,7 @@ def test_a_projectors_ramp_in_raw(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert fit_projector_response.main([str(tmp_path), "-o", str(out)]) == 0
     codes = np.linspace(0, 1, 35)[::2]  # codes that were shown
     found = named_response(str(out)).to_linear(np.repeat(codes[:, None], 3, axis=1))
-    assert np.abs(found - codes[:, None] ** 2.2).max() < 1e-3  # 16 384 levels
+    assert np.abs(found - codes[:, None] ** 2.2).max() < 1e-3  # the table has 16 384 levels
     assert fit_projector_response.main([str(tmp_path), "--camera-response", "srgb", "-o", str(out)]) == 2
     assert "is camera RAW, which is linear" in capsys.readouterr().err
 
@@ -270,8 +270,9 @@ def test_a_camera_that_exposes_otherwise_is_reported(tmp_path: Path) -> None:
         for shot, time_s in enumerate(times_s):
             path = tmp_path / "captures" / f"{number:05}_{shot}.dng"
             path.write_bytes(dng(mosaic_of(light), exposure_s=time_s))
-    assert len(camera.capture(0, picture)) == 2  # both have half of the stated exposure; a common factor is harmless
-    assert len(camera.capture(1, picture)) == 2  # 1/20 s and 1/16 s are a third of a stop apart
+    # both files have half of the stated exposure; a common factor is harmless
+    assert len(camera.capture(0, picture)) == 2
+    assert len(camera.capture(1, picture)) == 2  # the exposures 1/20 s and 1/16 s are a third of a stop apart
     with pytest.raises(InputError, match=r"00002_0\.dng: exposed 4 times as much as --exposures says"):
         camera.capture(2, picture)
     curved = FolderCamera(tmp_path, Exposures((0.1, 0.4), Response("srgb")))

@@ -68,7 +68,7 @@ def test_photographs_are_reduced_to_a_size_of_their_shape(tmp_path: Path, size: 
     write(tmp_path / "a.png", np.full((*CAMERA, 3), 13107, np.uint16))
     found = read_photographs([tmp_path / "a.png"], None, size)
     assert found.shape == (1, size[1], size[0], 3)
-    np.testing.assert_allclose(found, 0.2, rtol=1e-6)  # float32
+    np.testing.assert_allclose(found, 0.2, rtol=1e-6)  # rounding to float32
 
 
 def test_content_contradicts_numbers(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -56,7 +56,8 @@ def test_training_follows_the_slope_of_ssim(rng: np.random.Generator) -> None:
         step = np.zeros_like(a)
         step[at] = 1e-4
         low, high = (measured((a + sign * step)[None], b[None], np.ones(a.shape[:2], bool)).ssim for sign in (-1, 1))
-        assert slope[at] == pytest.approx((high - low) / 2e-4 * a.size, rel=1e-4)  # second-order differences
+        # second-order differences of the loss
+        assert slope[at] == pytest.approx((high - low) / 2e-4 * a.size, rel=1e-4)
 
 
 def test_a_network_learns_colours_that_depend_on_the_neighbourhood(
@@ -84,7 +85,7 @@ def test_a_set_up_is_evaluated_in_both_directions(
     assert model > max(30, coarsest)  # noise of 0.2 % of white, and 12 pairs
     assert corrected > model - 0.5  # the model is nearly exact, and nothing is left to correct
     inside = [float(each) for each in re.findall(r"(?:interval|one width): (\S+) % inside", printed)]
-    np.testing.assert_allclose(inside, 92, atol=6)  # 2 captures; a fit of 9 pairs predicts worse than of 12
+    np.testing.assert_allclose(inside, 92, atol=6)  # 2 captures; a fit of 9 pairs predicts worse than a fit of 12 pairs
     alone, found = (float(re.search(rf"{name} \| (\S+) dB", printed)[1]) for name in ("inverse", "surrogate"))
     assert found > alone + 1
 

@@ -94,7 +94,7 @@ def test_the_further_maps_are_those_of_the_dense_transport(rng: np.random.Genera
     d = np.stack([T[i].T @ T[i].sum(axis=1) for i in range(3)], axis=1)
     steps, lit = further.step_size.reshape(-1, 3), np.arange(T.shape[2]) != DARK
     assert np.all(steps[DARK] == 0)
-    np.testing.assert_allclose(steps[lit] * d[lit], 1, rtol=1e-5)  # float32
+    np.testing.assert_allclose(steps[lit] * d[lit], 1, rtol=1e-5)  # rounding to float32
 
 
 def test_direct_mapping_asks_the_camera_pixel_that_is_lit_most(rng: np.random.Generator) -> None:
@@ -107,7 +107,7 @@ def test_direct_mapping_asks_the_camera_pixel_that_is_lit_most(rng: np.random.Ge
     for pixel in range(found.shape[0]):
         asked = int(luminance[:, pixel].argmax())
         expected = 0.0 if pixel == DARK else b.reshape(-1, 3)[asked] / room.dense[:, asked].sum(axis=1)
-        np.testing.assert_allclose(found[pixel], expected, rtol=1e-5)  # float32
+        np.testing.assert_allclose(found[pixel], expected, rtol=1e-5)  # rounding to float32
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -158,7 +158,7 @@ def test_the_certificate_of_any_drive_is_a_bound(rng: np.random.Generator) -> No
 
 
 def test_what_a_map_takes_is_counted_in_steps() -> None:
-    """With one entry per row in T and its transpose, a step reads as much as two entries per row of T⁺."""
+    """With one entry per row in T and its transpose, a step reads as many bytes as T⁺ with two entries per row."""
     side, pixels = 12, 144
     one = pack_matrices([sparse.eye_array(pixels, format="csr")] * 3, (side, side), (side, side))
     far = Chain(one, one, one)

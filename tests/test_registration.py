@@ -64,11 +64,11 @@ def test_a_homography_is_found_again_and_so_is_the_lamp(transport: Transport, se
     found = find(transport, seen)
     assert np.abs(true.displacement(CORNERS)).max() > 0.5
     np.testing.assert_allclose(found.displacement(CORNERS), true.displacement(CORNERS), atol=CORNER)
-    np.testing.assert_allclose(found.gain, 0.87, rtol=2e-3)  # noise of 1 % over 5000 pixels, and T's border
+    np.testing.assert_allclose(found.gain, 0.87, rtol=2e-3)  # noise of 1 % over 5000 pixels, and the border of T
 
 
 def test_what_the_data_do_not_hold_is_not_made_up(transport: Transport) -> None:
-    """A camera that sees the left eighth of the picture cannot tell how the right side has turned."""
+    """If a camera sees only the left eighth of the picture, the rotation of the right side is unknown."""
     few = np.zeros(CAMERA, np.bool_)
     few[:, :10] = True
     arrived = shifted_boxes(PROJECTOR, (0.8, 0.6)) @ picture().reshape(-1, 3)
@@ -101,7 +101,7 @@ def test_another_picture_is_not_found(transport: Transport) -> None:
 
 @pytest.mark.parametrize("turned", [(0, 0), (0.25, 0), (-0.5, 0.3), (3, -2), (6, 5)])
 def test_a_camera_s_turn_is_found_again(turned: tuple[float, float], rng: np.random.Generator) -> None:
-    paint = 0.3 + 0.6 * ndimage.zoom(rng.uniform(0, 1, (40, 50)), 3, order=1)  # 3 pixels per patch of paint
+    paint = 0.3 + 0.6 * ndimage.zoom(rng.uniform(0, 1, (40, 50)), 3, order=1)  # a patch of paint is 3 pixels wide
     light = np.outer(np.linspace(1, 1.3, 120), np.linspace(1, 0.8, 150))
     x, y = turned
     after = 0.9 * light * ndimage.shift(paint, (-y, -x), order=3, mode="nearest")
@@ -109,7 +109,7 @@ def test_a_camera_s_turn_is_found_again(turned: tuple[float, float], rng: np.ran
     counts[10:-10, 10:-10] = True
     before = light * paint + 1e-3 * rng.standard_normal(paint.shape)
     found = camera_shift(before, after, counts)
-    # error of two interpolations, paint of 3 pixels
+    # error of two interpolations, for patches of paint of 3 pixels
     np.testing.assert_allclose((found.right, found.down), turned, atol=0.03)
     assert found.unsure < 0.01
 

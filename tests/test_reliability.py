@@ -43,7 +43,7 @@ def test_frames_leave_memory_and_objects_as_they_were(
         for _ in range(WARM_UP):
             draw()
         before, objects, decoder = sizes(reader), live_objects(), reader.decoder_pid
-        assert all(draw() for _ in range(FRAMES))  # pictures, not black
+        assert all(draw() for _ in range(FRAMES))  # the pictures are not black
         assert live_objects() == objects
         assert reader.decoder_pid == decoder
         assert min(before) > 1 << 20
@@ -52,7 +52,7 @@ def test_frames_leave_memory_and_objects_as_they_were(
 
 @pytest.mark.parametrize("cause", [signal.SIGSEGV, signal.SIGSTOP])
 def test_the_last_frame_is_held_and_the_decoder_comes_back(cause: signal.Signals, two_seconds: Path) -> None:
-    """No poll takes a second while the decoder is away, and the decoder is back within five.
+    """No poll takes a second while the decoder is missing, and another decoder runs within five seconds.
 
     The test polls the reader as a session does, and first takes the frames that were already decoded.
     """
@@ -73,7 +73,7 @@ def test_the_last_frame_is_held_and_the_decoder_comes_back(cause: signal.Signals
             time.sleep(0.01)
         back_s = time.monotonic() - struck_at
         for plane, copy in zip(held.planes, kept, strict=True):
-            np.testing.assert_array_equal(plane, copy)  # a frame that is still held stays unchanged
+            np.testing.assert_array_equal(plane, copy)  # a frame that the reader still holds stays unchanged
         (notice,) = reader.notices()
     assert "restarted" in notice
     assert [frame.index for frame in frames] == list(range(frames[0].index, frames[0].index + len(frames)))

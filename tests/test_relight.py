@@ -79,13 +79,15 @@ def test_composition_and_dual_are_the_matrix_and_its_transpose(rng: np.random.Ge
     seen = transport @ p
     np.testing.assert_allclose(seen.reshape(-1, 3), times(T, p), rtol=1e-12)  # float64 sums of positive terms
     lit = transport.T @ c
-    np.testing.assert_allclose(lit.reshape(-1, 3), times(T.transpose(0, 2, 1), c), rtol=1e-12)  # likewise
+    # the same tolerance as above
+    np.testing.assert_allclose(lit.reshape(-1, 3), times(T.transpose(0, 2, 1), c), rtol=1e-12)
     assert np.sum(seen * c) == pytest.approx(np.sum(p * lit), rel=1e-12)  # ⟨Tp, c⟩ = ⟨p, Tᵀc⟩, float64
     floodlit = transport.floodlight(room.ambient)
-    np.testing.assert_allclose(floodlit, T.sum(axis=2).T.reshape(*CAMERA, 3) + room.ambient, rtol=1e-12)  # likewise
+    # the same tolerance as above
+    np.testing.assert_allclose(floodlit, T.sum(axis=2).T.reshape(*CAMERA, 3) + room.ambient, rtol=1e-12)
     np.testing.assert_allclose(
         transport.T @ np.ones((*CAMERA, 3)).reshape(-1, 3), T.sum(axis=1).T, rtol=1e-12
-    )  # likewise
+    )  # the same tolerance as above
 
 
 @pytest.mark.parametrize("far", [False, True])
@@ -98,7 +100,7 @@ def test_the_inverse_views_sum_the_players_inverse(rng: np.random.Generator, far
     np.testing.assert_allclose(found.apply_transpose(full).reshape(-1, 3), T_pinv.sum(axis=1).T, **tolerance)
     p, c = rng.uniform(size=(*PROJECTOR, 3)), rng.uniform(size=(*CAMERA, 3))
     forth, back = np.sum(found.apply(c) * p), np.sum(c * found.apply_transpose(p))
-    assert forth == pytest.approx(back, rel=1e-9, abs=1e-9)  # as above
+    assert forth == pytest.approx(back, rel=1e-9, abs=1e-9)  # the same tolerance as above
 
 
 def test_the_white_level_is_positive_whatever_the_picture() -> None:

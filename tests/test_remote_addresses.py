@@ -105,7 +105,7 @@ def test_only_numbers_and_own_names_name_this_machine(host: str, here: bool, net
 
 def test_only_this_page_may_open_a_socket() -> None:
     assert comes_from("http://127.0.0.1:8642", "127.0.0.1:8642")
-    assert comes_from("https://stage.local", "stage.local")  # behind an encrypting proxy
+    assert comes_from("https://stage.local", "stage.local")  # the page was loaded through an encrypting proxy
     for origin in ("null", "", "http://evil.example", "http://127.0.0.1", "http://127.0.0.1:8642.evil.example"):
         assert not comes_from(origin, "127.0.0.1:8642")
 
@@ -121,7 +121,7 @@ def test_a_phone_reads_the_address_from_a_terminal() -> None:
 def test_a_token_is_made_once_and_nobody_else_can_read_it(tmp_path: Path) -> None:
     path = tmp_path / "state" / "counterlight" / "remote-token"
     token = token_at(path)
-    assert len(token) >= 22  # 128 bits in base64
+    assert len(token) >= 22  # the token has 128 bits in base64
     assert token_at(path) == token
     assert path.stat().st_mode & 0o777 == 0o600
     assert sorted(path.parent.iterdir()) == [path]

@@ -61,7 +61,7 @@ def test_light_below_the_knee_is_colour_science_s(rng: np.random.Generator, tran
     """On a screen as bright as the medium, no tone is bent. Colours within BT.709 are only converted."""
     frame = colours(rng, transfer, primaries="bt2020", peak_nits=10_000.0)
     for plane in frame.planes[1:]:
-        plane[...] = frame.planes[0] + 0.15 * (plane - frame.planes[0].astype(float))  # near grey
+        plane[...] = frame.planes[0] + 0.15 * (plane - frame.planes[0].astype(float))  # colours near grey
     codes = codes_of(frame)
     nits = colour.models.eotf_ST2084(codes) if transfer == "pq" else colour.models.eotf_BT2100_HLG(codes, L_W=1000)
     target = 10_000.0 if transfer == "pq" else 1000.0
@@ -109,7 +109,8 @@ def test_grey_rises_to_white_and_no_further(rng: np.random.Generator, tone_mappi
     assert np.all(np.diff(grey[:, 0]) >= -1e-6)
     nits = colour.models.eotf_ST2084(codes_of(frame).reshape(-1, 3)[:, 0])
     np.testing.assert_allclose(grey[nits >= 1000], 1, atol=1e-6)
-    np.testing.assert_allclose(grey[nits < 80, 0], nits[nits < 80] / 203, rtol=2e-3, atol=1e-5)  # tables, near black
+    # rounding of the tables near black
+    np.testing.assert_allclose(grey[nits < 80, 0], nits[nits < 80] / 203, rtol=2e-3, atol=1e-5)
     if tone_mapping == "clip":
         np.testing.assert_allclose(grey[nits < 200, 0], nits[nits < 200] / 203, rtol=2e-3, atol=1e-5)
 

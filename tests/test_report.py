@@ -69,7 +69,7 @@ def one_pixel_rooms(T: np.ndarray, ambient: np.ndarray, mask: np.ndarray, white:
 
 
 def test_each_reason_is_found_where_it_was_put() -> None:
-    """One camera pixel per reason: masked, dark, dim, dimmer than white, bright by itself, fine.
+    """One camera pixel per reason: masked, dark, dim, dimmer than white, bright by itself, without a reason.
 
     Two more share a pixel.
     """
@@ -88,7 +88,7 @@ def test_each_reason_is_found_where_it_was_put() -> None:
         {"bright_black"},
         set(),
         {"conflict"},
-        set(),  # the bright pixel dominates least squares: p = 5.5 / 101 misses its target by 0.0446 < 0.05
+        set(),  # the bright pixel dominates the least squares p = 5.5 / 101, and misses its target by 0.0446 < 0.05
     ]
 
 
@@ -100,7 +100,7 @@ def test_the_figures_are_those_of_the_room(reported: tuple[Path, Path]) -> None:
     floodlight = transport.composition().reshape(*ROOM_CAMERA, 3) + stored.calibration.ambient
     assert figures["white"] == room.white
     median = figures["floodlight_inside_mask"]["percentile_50"]
-    assert median == pytest.approx(np.median(floodlight), rel=1e-9)  # float64
+    assert median == pytest.approx(np.median(floodlight), rel=1e-9)  # float64 rounding
     lengths = unpack(room.correction).lengths
     assert figures["rows"]["entries"] == lengths.sum()
     assert figures["rows"]["longest"] == lengths.max()
@@ -121,7 +121,7 @@ def test_condition_and_rank_are_numpys(reported: tuple[Path, Path]) -> None:
     luminance = sum(w * T.toarray().astype(float) for w, T in zip(weights, channels(transport.near), strict=True))
     sigma = np.linalg.svd(luminance[:, luminance.any(axis=0)], compute_uv=False)
     figures = json.loads((where / "report.json").read_text())
-    assert figures["clusters"]["count"] == 1  # blur connects everything
+    assert figures["clusters"]["count"] == 1  # blur connects all pixels
     (system,) = figures["spectra"]["systems"]
     assert system["kind"] == "cluster"
     assert system["rank_deficit"] == 0
@@ -142,7 +142,7 @@ def test_the_page_shows_every_picture_and_loads_nothing_else(reported: tuple[Pat
 
 
 def test_the_matrix_picture_holds_far_light_as_if_entry_by_entry(rng: np.random.Generator) -> None:
-    m, n, cells = 700, 530, 5  # larger than the picture's side, and no multiple of it
+    m, n, cells = 700, 530, 5  # larger than the side of the picture, and not a multiple of it
 
     def random(shape: tuple[int, int], density: float) -> list[sparse.csr_array]:
         return [sparse.random_array(shape, density=density, rng=rng, dtype=np.float32).tocsr() for _ in range(3)]
@@ -150,7 +150,7 @@ def test_the_matrix_picture_holds_far_light_as_if_entry_by_entry(rng: np.random.
     far = far_light_of(random((cells, n), 0.5), rng.uniform(size=(3, cells, cells)), random((m, cells), 0.5))
     T = Transport.from_matrices(random((m, n), 0.02), far)
     expected = matrix_picture(luminance_matrix(in_one(T))).astype(int)
-    assert np.abs(transport_picture(T).astype(int) - expected).max() <= 1  # entries in one T are float32
+    assert np.abs(transport_picture(T).astype(int) - expected).max() <= 1  # T as a single matrix has float32 entries
     assert (transport_picture(T) > 0).mean() > 0.5 > (transport_picture(T.without_far) > 0).mean()
 
 

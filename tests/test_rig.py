@@ -67,7 +67,7 @@ def test_the_audience_sees_the_same_room(name: str, rng: np.random.Generator) ->
     means = wide.reshape(lattice.audience[0] // FINE, FINE, lattice.audience[1] // FINE, FINE, 3).mean(axis=(1, 3))
     (rows, columns), (height, width) = lattice.border, lattice.camera
     near = small_rig(name).seen(codes).reshape(height, width, 3)
-    assert means[rows:-rows, columns:-columns] == pytest.approx(near, abs=2e-5 * near.max())  # float32
+    assert means[rows:-rows, columns:-columns] == pytest.approx(near, abs=2e-5 * near.max())  # rounding to float32
 
 
 def test_a_camera_that_moves_by_four_samples_sees_its_neighbours_pixels() -> None:
@@ -92,9 +92,10 @@ def test_photon_noise_has_the_variance_of_its_electrons() -> None:
     sensor, weakness = Sensor(16, 20000.0, 5.0), np.array([1.0, 1.5, 2.0])
     shots = sensor.codes(np.full((200_000, 3), 0.3), weakness, np.random.default_rng(3)) / 65535
     electrons = 0.3 * 20000 / weakness
-    assert shots.mean(axis=0) == pytest.approx(0.3, abs=1e-4)  # 0.005 / √200 000 is 1.2e-5
+    assert shots.mean(axis=0) == pytest.approx(0.3, abs=1e-4)  # the standard error, 0.005 / √200 000, is 1.2e-5
     expected = (electrons + 25) * (weakness / 20000) ** 2
-    assert shots.var(axis=0) == pytest.approx(expected, rel=0.02)  # √(2 / 200 000) is 0.3 %
+    # the relative standard error, √(2 / 200 000), is 0.3 %
+    assert shots.var(axis=0) == pytest.approx(expected, rel=0.02)
 
 
 def test_a_sensor_without_noise_only_rounds() -> None:
@@ -125,7 +126,7 @@ def test_a_white_segment_adds_to_grey_alone() -> None:
     red[..., 0] = 255
     assert np.array_equal(plain.light(red), segment.light(red))
     assert segment.light(white) == pytest.approx(segment.brightest)
-    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # off by the black level
+    assert segment.brightest / plain.brightest == pytest.approx(1.4, rel=1e-3)  # the two differ by the black level
 
 
 def test_colour_processing_brightens_saturated_colours_and_is_undone(rng: np.random.Generator) -> None:
@@ -194,7 +195,7 @@ def test_the_optimum_is_well_above_what_is_projected_plainly_and_darkness_is_no_
     assert shown.psnr > 25 > 15 > plainly.psnr
     assert shown.inside > 30
     assert shown.delta_e < 4 < plainly.delta_e
-    assert plainly.everywhere >= plainly.psnr  # outside the view, plain projection is as good as any
+    assert plainly.everywhere >= plainly.psnr  # outside the view, plain projection is as good as any other drive
     black = np.zeros_like(codes)
     assert judge.outside(question, black).flare == pytest.approx(0, abs=1e-6)
     assert judge.outside(question, np.full_like(codes, 255)).flare > judge.outside(question, plain).flare > 0

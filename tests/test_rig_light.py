@@ -52,7 +52,7 @@ def test_every_camera_is_balanced_and_its_colours_are_found_again(name: str) -> 
 def test_real_primaries_mix_by_a_fifth_to_two_fifths() -> None:
     for name in ("led", "wheel"):
         shares = 1 - np.diag(light.LIGHTS[name]().of_white())
-        assert np.all((shares > 0.15) & (shares < 0.45)), name  # required are 20 to 30 %; raw values reach 50
+        assert np.all((shares > 0.15) & (shares < 0.45)), name  # 20 to 30 % are required; raw values reach 50 %
 
 
 def test_a_closed_room_is_a_furnace() -> None:
@@ -130,7 +130,8 @@ def test_drift_by_a_whole_pixel_is_the_picture_shifted(rng: np.random.Generator)
         still, moved = (Truth(small_room(name), light.separate(), shift) for shift in ((0.0, 0.0), (1.0, -2.0)))
         seen = [View(truth, small_room(name).lattice.wide()) for truth in (still, moved)]
         expected = seen[0].rise(np.roll(drive, (-2, 1), axis=(0, 1)).reshape(-1, 3))
-        assert seen[1].rise(drive.reshape(-1, 3)) == pytest.approx(expected, abs=1e-4 * expected.max())  # float32
+        # rounding to float32
+        assert seen[1].rise(drive.reshape(-1, 3)) == pytest.approx(expected, abs=1e-4 * expected.max())
 
 
 def test_the_surroundings_of_white_rise_by_half_the_halo_which_loses_no_light(rng: np.random.Generator) -> None:
@@ -140,12 +141,12 @@ def test_the_surroundings_of_white_rise_by_half_the_halo_which_loses_no_light(rn
     drive[:, 32:] = 1
     light = emit(drive.reshape(-1, 3)).reshape(40 + 2 * margin, 64 + 2 * margin, 3)
     middle = light[margin + 20, margin:-margin, 0]
-    assert margin == 6  # 96 of 1024 pixels
+    assert margin == 6  # the halo reaches 96 of 1024 pixels
     assert 0.025 < middle[31] < 0.035 < 0.965 < middle[32] < 0.975  # half of 7 %, half a pixel from the edge
     assert middle[: 32 - margin] == pytest.approx(0)
     assert light.sum() == pytest.approx(drive.sum(), rel=1e-5)
     u, v = rng.uniform(size=(40 * 64, 3)), rng.uniform(size=(light.size // 3, 3))
-    assert np.sum(emit(u) * v) == pytest.approx(np.sum(u * emit.adjoint(v)), rel=1e-5)  # float32
+    assert np.sum(emit(u) * v) == pytest.approx(np.sum(u * emit.adjoint(v)), rel=1e-5)  # rounding to float32
 
 
 def test_lateral_colour_is_the_drift_of_red_and_blue(rng: np.random.Generator) -> None:
@@ -183,7 +184,7 @@ def test_a_lens_out_of_focus_spreads_a_pixel_and_loses_no_light(radius: float) -
     pixel = 2.4 / 40
     disc = radius * abs(2.4 / 2.0 - 1)
     expected = np.sqrt(pixel**2 * (1 / 12 + 0.3**2 * 0.973) + (disc / 2) ** 2)  # box, cut Gaussian, disc
-    assert across == pytest.approx(expected, rel=0.02)  # 19 points for a disc
+    assert across == pytest.approx(expected, rel=0.02)  # 19 points represent the disc
 
 
 def test_what_stands_between_casts_a_shadow() -> None:
@@ -266,4 +267,4 @@ def test_a_bumpy_pane_moves_light_and_loses_none(rng: np.random.Generator) -> No
     for pane in (Pane(1.5, 0.02, 1.0, NO_WAVES, 0.0), Pane(1.5, 0.02, 1.5, waves, 0.0)):
         W = footprints(light_behind(pane, projector, behind, points, numbers, ghost=False), n * n, (12, 12))
         totals.append(W.sum())
-    assert totals[1] == pytest.approx(totals[0], rel=5e-3)  # 160 000 samples
+    assert totals[1] == pytest.approx(totals[0], rel=5e-3)  # means of 160 000 samples

@@ -37,12 +37,13 @@ def test_in_a_white_furnace_the_lobe_returns_at_most_what_it_gets(roughness: flo
         towards, weight = gloss.sampled(leaving, up(side**2), roughness, head_on, grid)
         np.testing.assert_allclose(np.linalg.norm(towards, axis=1), 1, rtol=1e-12)
         assert weight.max() <= 1
-        assert weight.mean() == pytest.approx(albedo, abs=2e-3)  # a stratum is 1/256 of the tail
+        assert weight.mean() == pytest.approx(albedo, abs=2e-3)  # each stratum is 1/256 of the tail
 
 
 def test_the_roughest_lobe_at_normal_incidence_has_a_closed_form() -> None:
     """With α = 1, D = 1/π and G = cos 2h / cos² h: the integral of 2 tan h cos 2h from 0 to π/4 is 1 − ln 2."""
-    assert directional_albedo(1.0, 0.0, 1.0) == pytest.approx(1 - np.log(2), rel=1e-3)  # the lobe is cut at the horizon
+    # error at the horizon, where the lobe is cut
+    assert directional_albedo(1.0, 0.0, 1.0) == pytest.approx(1 - np.log(2), rel=1e-3)
 
 
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 1.0])
@@ -50,7 +51,7 @@ def test_the_roughest_lobe_at_normal_incidence_has_a_closed_form() -> None:
 def test_a_coat_over_white_paint_returns_at_most_what_it_gets(roughness: float, head_on: float) -> None:
     for degrees in (0.0, 30.0, 60.0, 75.0, 85.0):
         paint = (1 - gloss.fresnel(np.cos(np.radians(degrees)), head_on)) * (1 - gloss.mean_fresnel(head_on))
-        assert directional_albedo(roughness, degrees, head_on) + paint <= 1 + 1e-6  # quadrature
+        assert directional_albedo(roughness, degrees, head_on) + paint <= 1 + 1e-6  # error of the quadrature
 
 
 def test_the_sampler_draws_the_lobe_and_no_other() -> None:
@@ -93,7 +94,7 @@ def test_a_glossy_fold_shows_the_other_side_as_many_rays_do(tmp_path: Path) -> N
     radiance *= scene.projector.pixel_at(x, y) >= 0
     expected = np.sum(f * cos_in * cos_card * radiance * area / distance[:, 0] ** 2)
     assert expected > 0.01
-    assert far == pytest.approx(expected, rel=0.05)  # 256 rays in the pixel
+    assert far == pytest.approx(expected, rel=0.05)  # error of 256 rays in the pixel
 
 
 FOLD = """
@@ -164,7 +165,7 @@ def up(count: int) -> FloatArray:
 def test_the_profile_holds_all_the_light() -> None:
     for width in (0.3, 2.0):
         whole, _ = integrate.quad(lambda r, w=width: 2 * np.pi * r * subsurface.profile(r, w), 0, 60 * width)
-        assert whole == pytest.approx(1, rel=1e-8)  # the rest, e⁻²⁰, is omitted
+        assert whole == pytest.approx(1, rel=1e-8)  # the remaining light, e⁻²⁰, is omitted
 
 
 def test_radii_are_drawn_as_the_profile_says() -> None:
@@ -222,8 +223,8 @@ def test_even_light_gives_the_albedo(tmp_path: Path) -> None:
     """Many free paths from its edges, a translucent plane under white light is as bright as a matt plane."""
     scene = wax(tmp_path)
     pictures = [simulate(scene, without=names).transport.composition() for names in ([], ["subsurface"])]
-    np.testing.assert_allclose(pictures[0][:, 1:], pictures[1][:, 1:], rtol=1e-6)  # float32
-    assert (pictures[0][:, 0] < pictures[1][:, 0]).any()  # red travels far enough to leave the plane
+    np.testing.assert_allclose(pictures[0][:, 1:], pictures[1][:, 1:], rtol=1e-6)  # rounding to float32
+    assert (pictures[0][:, 0] < pictures[1][:, 0]).any()  # red light travels far enough to leave the plane
 
 
 def test_on_a_ball_no_sample_gathers_more_than_the_whole_profile(tmp_path: Path) -> None:

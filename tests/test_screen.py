@@ -32,7 +32,7 @@ def test_each_pixel_shows_its_place_on_the_screen(screen: Screen) -> None:
     ramp = np.stack([u, v, np.ones_like(u)], axis=2)
     shown = pinned(ramp, CAMERA, homography(WHOLE, screen.shape, screen.shape), *screen.axes)
     inner = np.all((screen.positions > 3) & (screen.positions < np.array([width, height]) - 3), axis=2)
-    inner[:TOP, -1] = False  # next to the narrower camera
+    inner[:TOP, -1] = False  # pixels next to the narrower camera
     assert inner[:TOP].sum() > 200 < inner[TOP:].sum()
     np.testing.assert_allclose(shown[inner, :2], screen.positions[inner], atol=0.1)
     assert not shown[:TOP, -1].any()
@@ -68,7 +68,7 @@ def test_what_is_pointed_at_is_where_the_pixel_looks(screen: Screen) -> None:
     found = screen.looked_at(points) * screen.shape[::-1]
     np.testing.assert_allclose(found[0], screen.positions[2, 5], rtol=1e-12)
     np.testing.assert_allclose(found[1], screen.positions[TOP + 3, 20], rtol=1e-12)
-    assert np.isnan(found[2:]).all()  # next to the narrower camera, and outside
+    assert np.isnan(found[2:]).all()  # pixels next to the narrower camera, and outside
 
 
 def test_an_outline_runs_through_every_camera_that_sees_it(screen: Screen) -> None:

@@ -42,7 +42,7 @@ def shot(rng: np.random.Generator, length: int) -> list[tuple[np.ndarray, np.nda
 
 
 def packets(path: Path) -> list[tuple[bytes, int | None]]:
-    """Return the packets and times of a film. Whole files differ, because Matroska's identifiers are random."""
+    """Return the packets and times of a film, because whole files differ by Matroska's random identifiers."""
     with av.open(str(path)) as container:
         return [(bytes(packet), packet.pts) for packet in container.demux() if packet.size]
 
@@ -74,7 +74,7 @@ def test_a_lossy_film_has_the_same_pictures_at_the_same_times(furnished: Path, t
     """Packets may differ: libx264 with several threads sometimes encodes the same pictures differently."""
     render(furnished, tmp_path / "o.mp4", "--segments", "2")
     (lossy, times), (pictures, exact_times) = shown(tmp_path / "o.mp4"), shown(whole)
-    np.testing.assert_allclose(times, exact_times, atol=1e-3)  # Matroska counts milliseconds
+    np.testing.assert_allclose(times, exact_times, atol=1e-3)  # Matroska states times in milliseconds
     apart = np.abs(lossy[:, None].astype(float) - pictures[None]).mean(axis=(2, 3, 4))
     assert apart.argmin(axis=1).tolist() == list(
         range(FRAMES)
@@ -165,7 +165,7 @@ def test_an_interrupted_run_goes_on_with_what_was_whole(
     assert not (tmp_path / "o.mkv").exists()
     if how == signal.SIGINT:
         assert "whole segments; the same command goes on with them" in errors
-        assert {path.suffix for path in kept.iterdir()} == {".json", ".mkv"}  # nothing half-written
+        assert {path.suffix for path in kept.iterdir()} == {".json", ".mkv"}  # no file is half-written
     count = len(list(kept.glob("[0-9]*.json")))
     words = "play", furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv"
     again = command(*words, "--segments", "3")
@@ -235,7 +235,7 @@ def test_a_film_is_looked_through_for_its_cuts(furnished: Path) -> None:
     with MediaReader.open(furnished / "film.mkv") as reader:
         film = look_through(reader, None)
     assert film.cuts == (0, SHOT, 2 * SHOT)
-    np.testing.assert_allclose(film.times_s, np.arange(FRAMES) / 25, atol=1e-3)  # Matroska counts milliseconds
+    np.testing.assert_allclose(film.times_s, np.arange(FRAMES) / 25, atol=1e-3)  # Matroska states times in milliseconds
 
 
 def film_of(length: int, *cuts: int) -> Film:
@@ -250,7 +250,7 @@ def test_stretches_begin_at_the_nearest_cuts_and_together_are_the_film() -> None
     within = divide(film, 4, carries=True, lead_in=10)
     assert within[-1] == Stretch(65, 75, 100)
     assert within_shots(within, film) == [3]
-    assert within_shots(divide(film, 4, carries=True, lead_in=30), film) == []  # drawn from the cut at 53 on
+    assert within_shots(divide(film, 4, carries=True, lead_in=30), film) == []  # frames are drawn from the cut at 53 on
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 100, 999])

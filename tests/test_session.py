@@ -84,7 +84,7 @@ def test_seeking_goes_from_the_current_position() -> None:
     stage.show.step()
     assert stage.screen.uploaded[-1] == 75
     stage.press("up")
-    assert stage.session.done  # past the end
+    assert stage.session.done  # this is past the end
 
 
 def test_seeking_and_stepping_while_paused() -> None:
@@ -242,12 +242,12 @@ def test_collections_pass_over_what_was_there_before_the_show() -> None:
     stage, frozen = Stage(Reader(count=3)), []
     stage.screen.poll = lambda timeout_s: frozen.append(gc.get_freeze_count()) or [stage.advance(0.04)][:0]  # type: ignore[method-assign]
     stage.show.run()
-    assert min(frozen) > 10_000  # numpy alone has as many
+    assert min(frozen) > 10_000  # numpy alone has this number of objects
     assert gc.get_freeze_count() == 0
 
 
 def test_the_figures_of_the_last_ten_seconds_are_of_frames_that_missed_their_time() -> None:
-    """Frames drawn 30 ms late are in time. Frames dropped in a standstill count for 10 s."""
+    """Frames drawn 30 ms late are in time. Frames that were dropped during a standstill count for 10 s."""
     stage = Stage(Reader(count=10_000))
     stage.show.step()
     stage.clock.now += 0.03

@@ -178,7 +178,7 @@ def test_the_mouse_pulls_a_corner_or_the_whole_picture(stage: Stage) -> None:
     np.testing.assert_allclose(drag((0.01, -0.02), (0.1, 0), (0.2, 0.1), (0.2, 0.1)), expected)
     assert stage.session.placing is not None
     assert stage.session.placing.selected == "upper left corner"
-    # such a quadrilateral is impossible
+    # corners of an impossible quadrilateral
     np.testing.assert_allclose(drag((0.19, 0.12), (5.0, 5.0), (0.19, 0.12)), expected)
     drag((0.5, 0.5), (0.5, 0.5))
     np.testing.assert_allclose(drag((0.5, 0.5), (0.6, 0.5), (0.6, 0.5)), expected + np.array((0.1, 0)))
@@ -270,7 +270,7 @@ def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(sta
     assert stage.press("ctrl+r") == "maps and shaders reloaded"
     assert stage.session.renderer is fresh
     assert stage.screen.released
-    assert fresh.uploaded == [here]  # paused: the same frame again
+    assert fresh.uploaded == [here]  # the show is paused, so the same frame comes again
     assert fresh.opened == 1
     assert fresh.adjusted
 

@@ -132,7 +132,7 @@ def test_where_settings_are_looked_for(config: Path, tmp_path: Path, monkeypatch
     assert _default_path({"XDG_CONFIG_HOME": "/x"}, Path("/home/a")) == Path("/x/counterlight/player.toml")
     assert _default_path({}, Path("/home/a")) == Path("/home/a/.config/counterlight/player.toml")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert read_options(["room", "a"], "").refine is None  # no such file: no complaint
+    assert read_options(["room", "a"], "").refine is None  # a missing settings file causes no complaint
     (tmp_path / "counterlight").mkdir()
     (tmp_path / "counterlight" / "player.toml").write_text("refine = 3")
     assert read_options(["room", "a"], "").refine == 3

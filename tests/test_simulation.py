@@ -94,7 +94,7 @@ def test_the_report_says_what_effects_cost() -> None:
     ends = [*channels(far.gather), *channels(far.scatter)]
     assert by_name["inter_reflection"].entries == far.mix.matrices.size + sum(matrix.nnz for matrix in ends)
     shares = [by_name[name].energy_share for name in ("direct", "inter_reflection", "ambient_light", "black_level")]
-    assert sum(shares) == pytest.approx(1, abs=1e-6)  # float32
+    assert sum(shares) == pytest.approx(1, abs=1e-6)  # rounding to float32
     assert by_name["direct"].energy_share == pytest.approx(1 - sum(shares[1:]), abs=1e-6)
 
 
@@ -102,13 +102,14 @@ def test_thinned_rows_keep_their_light() -> None:
     scene = replace(small("two_planes"), samples=6)
     exact, thin = simulate(replace(scene, threshold=0.0)), simulate(replace(scene, threshold=0.1))
     assert channel(thin.transport.near, 0).nnz < 0.95 * channel(exact.transport.near, 0).nnz
-    np.testing.assert_allclose(thin.transport.composition(), exact.transport.composition(), rtol=1e-5)  # float32
+    # rounding to float32
+    np.testing.assert_allclose(thin.transport.composition(), exact.transport.composition(), rtol=1e-5)
     pixels, relative = thin.transport.near.rows, []
     for weights in thin.transport.near.weights.T:
         largest = np.zeros(27 * 48)
         np.maximum.at(largest, pixels, weights)
         relative.append(weights / largest[pixels])
-    assert np.max(relative, axis=0).min() > 0.0999  # float32
+    assert np.max(relative, axis=0).min() > 0.0999  # rounding to float32
 
 
 def test_an_effect_that_is_off_leaves_the_transport_bit_identical() -> None:
@@ -131,7 +132,7 @@ def test_black_and_ambient_light_add_up() -> None:
     composition = result.transport.composition().reshape(result.ambient.shape)
     np.testing.assert_allclose(
         result.ambient - unlit.ambient, scene.projector.black_level * composition, atol=1e-7
-    )  # float32
+    )  # rounding to float32
     np.testing.assert_allclose(bright.ambient - result.ambient, unlit.ambient, atol=1e-7)
 
 
@@ -266,7 +267,8 @@ def test_devices_that_see_nothing(tmp_path: Path) -> None:
 def test_a_matrix_that_would_not_fit_is_refused_when_that_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     row, column = (np.repeat(np.arange(10), 40), np.tile(np.arange(40), 10))
     tenth = 400 * assembly.BYTES_AN_ENTRY
-    for most, fits in ((5.6 * tenth, True), (5.4 * tenth, False)):  # a tenth, and nine tenths of half the length
+    # most entries for which T fits: a tenth, and nine tenths of half the length
+    for most, fits in ((5.6 * tenth, True), (5.4 * tenth, False)):
         monkeypatch.setattr(assembly, "MAX_BYTES", int(most))
         near = assembly.NearLight((100, 50), 0.0, "blurred")
         if fits:

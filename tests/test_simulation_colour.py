@@ -74,7 +74,7 @@ def test_a_simulated_camera_photographs_colours(tmp_path: Path, rng: np.random.G
         succeed("simulate", path, "-o", tmp_path / "room")
     found = photographed(tmp_path / "room" if stored else path, codes)
     step = 1.25 * float((plain.transport.composition() @ CROSSTALK.T).max()) * 2 / (1 << 16)
-    np.testing.assert_allclose(found, light @ (CROSSTALK * OVERLAP).T, atol=step)  # 16 bits, and float32 T
+    np.testing.assert_allclose(found, light @ (CROSSTALK * OVERLAP).T, atol=step)  # rounding to 16 bits, and float32 T
 
 
 def test_far_light_is_mixed_to_its_floodlight() -> None:

@@ -100,7 +100,8 @@ def test_a_camera_sees_what_opencv_remaps(tmp_path: Path) -> None:
     expected = cv2.remap(blurred, *(place.astype(np.float32) for place in places), cv2.INTER_LINEAR)
     whole = (seen > 0.2).all(axis=-1) & (cv2.erode((expected > 0.2).astype(np.uint8), np.ones((3, 3)))[..., 0] > 0)
     assert whole.sum() > 60
-    np.testing.assert_allclose(seen[whole], expected[whole], rtol=0.03)  # projector pixels are steps of a tenth
+    # the picture has steps of a tenth from projector pixel to projector pixel
+    np.testing.assert_allclose(seen[whole], expected[whole], rtol=0.03)
 
 
 def test_each_projector_pixel_carries_the_same_light(tmp_path: Path) -> None:
@@ -111,7 +112,8 @@ def test_each_projector_pixel_carries_the_same_light(tmp_path: Path) -> None:
     scene = bent(tmp_path, "projector")
     scene = replace(scene, camera=replace(scene.camera.resized(400, 480), tan_half=(1.2, 1.0)), samples=2)
     landed = simulate(scene).transport.near
-    light = np.bincount(landed.indices, landed.weights[:, 1], landed.columns) * scene.camera.pixel_area * 4  # 2 m away
+    # on a wall 2 m away
+    light = np.bincount(landed.indices, landed.weights[:, 1], landed.columns) * scene.camera.pixel_area * 4
     straight = scene.projector.pixel_area * 4  # a card there has radiance 1: π of irradiance
     # 800 samples per pixel; one line of samples is 3 %. With even irradiance, the corner pixel would have twice the
     # light.
@@ -208,7 +210,7 @@ def test_pictures_flicker_and_t_does_not(tmp_path: Path) -> None:
     pictures = [camera.exposures.radiance(camera.capture(i, white)) for i in range(200)]
     ratios = np.mean(pictures, axis=(1, 2, 3)) / expected.mean()
     swing = 0.1 * np.sin(0.4 * np.pi) / (0.4 * np.pi)
-    assert ratios.std() == pytest.approx(swing / np.sqrt(2), rel=0.1)  # 200 phases
+    assert ratios.std() == pytest.approx(swing / np.sqrt(2), rel=0.1)  # error of 200 random phases
     assert ratios.max() <= 1 + swing + 1e-3
     again = camera.exposures.radiance(camera.capture(7, white))
     np.testing.assert_array_equal(again, pictures[7])  # capture n always has the same phase

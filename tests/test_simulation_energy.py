@@ -138,7 +138,7 @@ def test_camera_and_projector_can_be_exchanged(name: str) -> None:
             far = U @ M @ D.toarray()
             pair[-1] = pair[-1] + unit * probes.T @ far @ probes
     largest = pair[0].max()
-    assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # blocks of 8 x 8 pixels, 64 rays per pixel
+    assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # error of 64 rays per pixel, in blocks of 8 x 8 pixels
     assert np.abs(pair[0] - pair[0].T).max() > 0.1 * largest  # a symmetric room would prove nothing
 
 
@@ -160,7 +160,7 @@ def test_the_room_is_linear_in_the_picture_and_in_the_paint(rng: np.random.Gener
     p, q = rng.uniform(size=(2, transport.shape[1], 3))
     np.testing.assert_allclose(transport.apply(2 * p + 3 * q), 2 * transport.apply(p) + 3 * transport.apply(q))
     bright = simulate(replace(scene, projector=replace(scene.projector, brightness=2.5))).transport
-    np.testing.assert_allclose(bright.apply(p), 2.5 * transport.apply(p), rtol=1e-5)  # float32
+    np.testing.assert_allclose(bright.apply(p), 2.5 * transport.apply(p), rtol=1e-5)  # rounding to float32
 
 
 def test_floodlight_rendered_pixel_by_pixel(tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_floodlight_rendered_pixel_by_pixel(tmp_path: Path) -> None:
     result = simulate(scene, without=["inter_reflection"])
     expected = np.array([[rendered(x, y) for x in range(20)] for y in range(14)])
     composition = result.transport.composition().reshape(14, 20, 3)
-    np.testing.assert_allclose(composition, expected[..., 0], rtol=1e-5, atol=1e-6)  # float32
+    np.testing.assert_allclose(composition, expected[..., 0], rtol=1e-5, atol=1e-6)  # rounding to float32
     np.testing.assert_allclose(result.ambient, expected[..., 1] + 0.01 * expected[..., 0], rtol=1e-5)
 
 

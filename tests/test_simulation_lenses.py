@@ -51,7 +51,7 @@ def test_the_circle_of_confusion_is_the_thin_lens(tmp_path: Path) -> None:
     """A disc of diameter a |1 − z/f| on the plane, z = 2 and f = 1, is as large as the aperture."""
     scene = fronto_parallel(tmp_path)
     opened = replace(scene.projector, aperture=0.05, focus_distance=1.0)
-    pixel = 2 * 2 * opened.tan_half[0] / 41  # a pixel's width on the plane
+    pixel = 2 * 2 * opened.tan_half[0] / 41  # width of a pixel on the plane
     assert float(opened.blur_pixels(np.array([2.0]))[0]) == pytest.approx(0.05 / pixel)
 
 
@@ -117,7 +117,7 @@ def test_a_lens_sees_around_an_edge(tmp_path: Path) -> None:
         x = 0.2 + (2 * (np.arange(240) + 0.5) / 240 - 1) * 2 * aside.tan_half[0]
         level = row[np.abs(x - 0.2).argmin()]
         rising = x[(row > 0.02 * level) & (row < 0.98 * level) & (x < 0.4)]
-        assert (np.ptp(rising) if rising.size else 0.0) == pytest.approx(width, abs=0.02)  # 6 mm per pixel
+        assert (np.ptp(rising) if rising.size else 0.0) == pytest.approx(width, abs=0.02)  # one pixel is 6 mm wide
 
 
 def test_lens_points_fill_the_disc_evenly() -> None:
@@ -189,7 +189,7 @@ def test_halos_of_far_light_and_ambient_light() -> None:
     before = sharp.transport.composition() + sharp.ambient.reshape(-1, 3)
     expected = 0.8 * before + 0.2 * (interpolate @ (halo @ (average @ before)))
     after = soft.transport.composition() + soft.ambient.reshape(-1, 3)
-    np.testing.assert_allclose(after, expected, rtol=1e-5)  # float32
+    np.testing.assert_allclose(after, expected, rtol=1e-5)  # rounding to float32
     assert soft.transport.far is not None
     dark = simulate(scene).transport.apply(np.zeros((soft.transport.shape[1], 3)))
     assert not dark.any()
@@ -203,13 +203,13 @@ def test_noise_has_the_variance_of_its_electrons(tmp_path: Path, rng: np.random.
     camera = load_scene(scene_file(tmp_path, plane(), camera=sensor)).camera
     radiance = np.full((300, 300, 3), 0.4)
     assert camera.sensor
-    codes = capture(0.5 * radiance, camera.sensor, camera.response, rng) / 4095  # 1000 electrons
+    codes = capture(0.5 * radiance, camera.sensor, camera.response, rng) / 4095  # the mean is 1000 electrons
     assert codes.mean() == pytest.approx(0.2, rel=1e-3)
     electrons = codes.std() * 5000
     rounding = 5000 / 4095 / np.sqrt(12)
-    assert electrons == pytest.approx(np.sqrt(1000 + 12**2 + rounding**2), rel=0.01)  # 270 000 samples
+    assert electrons == pytest.approx(np.sqrt(1000 + 12**2 + rounding**2), rel=0.01)  # error of 270 000 samples
     assert capture(50 * radiance, camera.sensor, camera.response, rng).min() == 4095  # saturated
-    expected = deviation(camera, np.array([0.4, 2.0]))  # the brightest value is 2, close enough to the percentile
+    expected = deviation(camera, np.array([0.4, 2.0]))  # the brightest value, 2, is close enough to the percentile
     assert expected[0] / 2 == pytest.approx(codes.std(), rel=0.02)
 
 
@@ -223,7 +223,7 @@ def test_photons_of_normal_numbers_are_poissons(mean: float, cores: int) -> None
     capture_noise._MANY_ELECTRONS[cores](electrons, normal)
     found = np.bincount(electrons.astype(int)) / steps
     expected = stats.poisson.pmf(np.arange(found.size), mean)
-    # 5e-4 at mean 16; steps at the ends
+    # 5e-4 at a mean of 16, where the method changes
     np.testing.assert_allclose(found, expected, atol=6e-4 * expected.max() + 3 / steps)
     assert electrons.var() == pytest.approx(mean, rel=1e-3)
 

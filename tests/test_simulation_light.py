@@ -58,7 +58,7 @@ def test_parallel_squares(tmp_path: Path) -> None:
     # The camera stands between the surfaces, so each surface faces it.
     assert total_factor(replace(scene, cells=200)) == pytest.approx(
         parallel_squares(1, 3), rel=2e-3
-    )  # 3×3 points per cell
+    )  # error of 3×3 points per cell
 
 
 def test_perpendicular_squares_that_share_an_edge(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_a_point_in_a_closed_box_sees_nothing_else(rng: np.random.Generator) -> 
     faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [1, 5, 7, 3]]  # all but z = 0
     point = np.array([[*rng.uniform(0.1, 0.9, 2), 0.0]])
     total = sum(point_to_polygon(point, np.array([0, 0, 1.0]), corners[face][None])[0] for face in faces)
-    assert total == pytest.approx(1, abs=1e-12)  # exact formula
+    assert total == pytest.approx(1, abs=1e-12)  # the formula is exact
 
 
 def test_reciprocity_and_energy_of_the_corner() -> None:
@@ -87,7 +87,7 @@ def test_reciprocity_and_energy_of_the_corner() -> None:
     areas = np.concatenate([grid.areas for grid in grids])
     exchange = areas[:, None] * factors
     far = np.abs(exchange - exchange.T).max() / exchange.max()
-    assert far < 0.06  # 3×3 points per cell; the worst cells touch at the fold
+    assert far < 0.06  # error of 3×3 points per cell; the worst cells touch at the fold
     assert factors.sum(axis=1).max() < 1
 
 
@@ -120,7 +120,8 @@ def test_a_plane_has_the_radiance_of_the_closed_form(tmp_path: Path, tilt: float
         depth = -(normal @ [0, 0, 2.0]) / (normal @ ray)
         cos_surface = -(ray @ normal) / np.linalg.norm(ray)
         expected = (2 / depth) ** 2 * cos_surface * np.linalg.norm(ray)
-        np.testing.assert_allclose(image[y, x], expected * np.array([0.5, 0.6, 0.7]), rtol=2e-3)  # 4×4 rays per pixel
+        # error of 4×4 rays per pixel
+        np.testing.assert_allclose(image[y, x], expected * np.array([0.5, 0.6, 0.7]), rtol=2e-3)
 
 
 def test_a_white_card_has_the_brightness_and_light_falls_with_the_square(tmp_path: Path) -> None:
@@ -129,7 +130,7 @@ def test_a_white_card_has_the_brightness_and_light_falls_with_the_square(tmp_pat
     for z in (0.0, -2.0):
         scene = load_scene(scene_file(tmp_path, plane(z, extra=white), projector="brightness = 3.0", fov="60"))
         values[z] = simulate(scene).transport.composition().reshape(14, 20, 3)[7, 10, 1]
-    assert values[0.0] == pytest.approx(3.0, rel=1e-5)  # float32
+    assert values[0.0] == pytest.approx(3.0, rel=1e-5)  # rounding to float32
     assert values[-2.0] == pytest.approx(3.0 / 4, rel=1e-5)
 
 
@@ -221,13 +222,13 @@ def test_every_projector_pixel_carries_the_same_flux() -> None:
         whole = ((x > 0) & (x < 40) & (y > 0) & (y < 24)).reshape(grid.count, -1).all(axis=1)
         exact = irradiance(scene, points, normals).reshape(grid.count, -1).mean(axis=1)
         assert whole.sum() > 10
-        # About 30 beams hit a cell, so one row of beams is 15 %. The average agrees.
+        # About 30 beams hit a cell, so one more row of beams changes it by 15 %. The average agrees.
         np.testing.assert_allclose(direct[inside][whole], exact[whole], rtol=0.35)
         assert direct[inside][whole].mean() == pytest.approx(exact[whole].mean(), rel=0.02)
 
 
 def test_no_room_returns_more_than_it_gets() -> None:
-    """Two white cards: radiosity stays below a closed white room's need, and the far light is positive."""
+    """Two white cards: the radiosity converges, unlike in a closed white room, and the far light is positive."""
     scene = small("corner")
     result = simulate(scene)
     assert result.transport.far is not None

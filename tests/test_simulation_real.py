@@ -63,12 +63,13 @@ def test_lateral_colour_is_opencvs_warp(tmp_path: Path) -> None:
     seen = result.transport.apply(np.repeat(drive.reshape(-1, 1), 3, axis=1)).reshape(84, 104, 3)
     width = 80 / 16  # the scene's pixels are five times as wide
     for channel, (right, down, scale) in enumerate([(1.1, 0.4, 1.02), (0, 0, 1), (-0.9, -0.3, 0.97)]):
-        to_middle = (1 - scale) * np.array([39.5, 29.5]) + width * np.array([right, down]) + 12  # of pixel centres
+        # in coordinates of pixel centres
+        to_middle = (1 - scale) * np.array([39.5, 29.5]) + width * np.array([right, down]) + 12
         warp = np.array([[scale, 0, to_middle[0]], [0, scale, to_middle[1]]])
         expected = cv2.warpAffine(drive / scale**2, warp, (104, 84), flags=cv2.INTER_CUBIC)
         whole = cv2.erode(cv2.warpAffine(np.ones((60, 80)), warp, (104, 84)), np.ones((5, 5))) == 1
         assert whole.sum() > 3000
-        np.testing.assert_allclose(seen[whole, channel], expected[whole], atol=0.02)  # quarters of a pixel
+        np.testing.assert_allclose(seen[whole, channel], expected[whole], atol=0.02)  # to a quarter of a pixel
         shares = [seen[..., channel].sum(), drive.sum()]
         assert shares[0] == pytest.approx(shares[1], rel=0.01)  # each pixel keeps its flux
     report = {each.need.effect: each for each in result.reports}["lateral_colour"]
@@ -116,7 +117,7 @@ def test_the_halo_is_a_convolution_that_reaches_beyond_the_raster(tmp_path: Path
     seen = result.transport.apply(np.repeat(drive.reshape(-1, 1), 3, axis=1)).reshape(80, 104, 3)
     sharp = np.pad(drive, 20)
     expected = 0.93 * sharp + 0.07 * convolved(sharp, pixels_of(1.5, scene))
-    np.testing.assert_allclose(seen, np.repeat(expected[..., None], 3, axis=2), atol=0.002)  # cells of two pixels
+    np.testing.assert_allclose(seen, np.repeat(expected[..., None], 3, axis=2), atol=0.002)  # for cells of two pixels
     assert seen[..., 1].sum() == pytest.approx(drive.sum(), rel=0.002)
     assert seen[40, 86, 1] > 0.01  # beyond the raster
     assert {each.need.effect: each.energy_share for each in result.reports}["halo"] == pytest.approx(0.07, rel=0.001)
@@ -126,7 +127,7 @@ def test_the_halo_is_a_convolution_that_reaches_beyond_the_raster(tmp_path: Path
 
 
 def test_a_halo_is_reflected_like_the_light_that_it_is_made_of() -> None:
-    """Inside the raster, the room with a halo shows what the room without shows of a convolved picture."""
+    """Inside the raster, a picture in the room with a halo equals a convolved picture in the room without a halo."""
     scene = replace(small("corner"), cells=100)
     drive = np.zeros((24, 40))
     drive[9:15, 16:24] = 1
@@ -161,8 +162,8 @@ def test_gains_wander_like_the_rigs(tmp_path: Path, rng: np.random.Generator) ->
     rig = rig_sensor.Sensor(16, 0, 0, wander=0.025)
     judged = np.array([rig.codes(np.full((1, 1, 3), 0.7), np.ones(3), rng)[0, 0] for _ in range(4000)]).astype(float)
     spreads = [each.std(axis=0) / each.mean(axis=0) for each in (seen, judged)]
-    np.testing.assert_allclose(*spreads, rtol=0.12)  # 400 gains: 3.5 %
-    assert np.abs(np.corrcoef(seen.T)[np.triu_indices(3, 1)]).max() < 0.2  # each channel has its own
+    np.testing.assert_allclose(*spreads, rtol=0.12)  # error of a deviation over 400 gains: 3.5 %
+    assert np.abs(np.corrcoef(seen.T)[np.triu_indices(3, 1)]).max() < 0.2  # each channel has its own gain
     np.testing.assert_array_equal(camera.exposures.radiance(camera.capture(7, white)).mean(axis=(0, 1)), seen[7])
 
 
@@ -221,7 +222,7 @@ def test_fringes_and_halos_are_judged_at_the_width_that_they_have(tmp_path: Path
     tiny = small_room(scene)
     assert tiny.projector.width < 100
     moved = [each.projector.width * (np.array(each.projector.lateral) - (0, 0, 1)) for each in (scene, tiny)]
-    np.testing.assert_allclose(moved[1], moved[0], rtol=0.01, atol=1e-9)  # sizes in whole pixels
+    np.testing.assert_allclose(moved[1], moved[0], rtol=0.01, atol=1e-9)  # pixel sizes are rounded to whole pixels
     radii = [pixels_of(np.degrees(each.projector.halo_radius), each) for each in (scene, tiny)]
     assert radii[1] == pytest.approx(radii[0], rel=0.01)
 
@@ -261,7 +262,7 @@ def test_acquire_measures_the_room(
     found, truth = dense(done.measured.transport), dense(room.transport)
     exposure = np.vdot(found, truth) / np.vdot(found, found)
     assert np.linalg.norm(exposure * found - truth) < 0.02 * np.linalg.norm(truth)
-    assert exposure == pytest.approx(1, abs=0.1 if curved else 0.015)  # of 16 gains
+    assert exposure == pytest.approx(1, abs=0.1 if curved else 0.015)  # the mean of 16 gains
     assert (done.curve is not None and not done.curve.is_straight) == curved
     assert done.wander is not None
     assert done.wander.is_active == wanders

@@ -78,7 +78,7 @@ def test_what_a_ray_meets_is_the_place_it_names(name: str, rng: np.random.Genera
     met = shape.meet(origins, directions)
     assert met.ray.size > 100
     points = origins[met.ray] + met.distance[:, None] * directions[met.ray]
-    # Lathes and reliefs are cut into triangles, while at() is bilinear. The difference is the twist of a field.
+    # Lathes and reliefs are cut into triangles, while at() is bilinear; the two differ by the twist of a field.
     close = 4e-3 if isinstance(shape, Triangles) else 1e-12
     np.testing.assert_allclose(shape.at(met.u, met.v), points, atol=close)
     np.testing.assert_allclose(np.linalg.norm(met.normal, axis=1), 1, rtol=1e-12)
@@ -111,14 +111,14 @@ def test_a_sphere_of_triangles_is_a_sphere(rng: np.random.Generator) -> None:
     facing = np.abs(np.sum(a.normal[i] * directions[both], axis=1)) > 0.2
     sagitta = 0.8 * (np.pi / 256) ** 2  # sagitta of one field; twice as much for the two diagonals
     assert np.abs(a.distance[i] - b.distance[j])[facing].max() < 2 * sagitta / 0.2
-    assert np.sum(a.normal[i] * b.normal[j], axis=1)[facing].min() > 0.999  # both point outwards
+    assert np.sum(a.normal[i] * b.normal[j], axis=1)[facing].min() > 0.999  # the normals of both shapes point outwards
     assert set(b.ray) <= set(a.ray)
 
 
 def test_areas() -> None:
     assert shape_area(SHAPES["sphere"]()) == pytest.approx(4 * np.pi * 0.8**2, rel=1e-12)
     side, caps = 2 * np.pi * 0.5 * 1.1, 2 * np.pi * 0.5**2
-    assert shape_area(SHAPES["cylinder"](), 63) == pytest.approx(side + caps, rel=1e-3)  # 63 rows, 21 per part
+    assert shape_area(SHAPES["cylinder"](), 63) == pytest.approx(side + caps, rel=1e-3)  # 63 rows, 21 for each part
     cone = turned(np.zeros(3), Y, (X, -Z), np.array([[0.3, 0.0], [0.0, 0.4]]), 512)
     assert cone.face_areas.sum() == pytest.approx(np.pi * 0.3 * 0.5, rel=1e-4)
     flat = relief(Parallelogram(np.zeros(3), 2 * X, 3 * Y, Z), np.full((5, 7), 0.2), cut=False)
@@ -139,7 +139,7 @@ def test_a_relief_rises_towards_the_camera_and_is_cut_where_it_is_flat(tmp_path:
     """
     scene = load_scene(scene_file(tmp_path, text))
     hits = trace(np.array([0, 0, 2.0]), np.array([[0.0, -0.1, -1], [0.48, 0.48, -1]]), scene.surfaces)
-    np.testing.assert_array_equal(hits.surface, [0, -1])  # hits the chest; passes the head
+    np.testing.assert_array_equal(hits.surface, [0, -1])  # one ray hits the chest, the other passes the head
     assert 1.65 < hits.distance[0] < 1.9
     assert hits.front[0]
 
@@ -156,7 +156,8 @@ def test_heights_from_a_picture(tmp_path: Path) -> None:
 
 def test_a_mesh_is_read_and_met(tmp_path: Path) -> None:
     (tmp_path / "cube.obj").write_text(CUBE)
-    cube = read_obj(tmp_path / "cube.obj", "here", np.array([1.0, 0, 0]), 2.0)  # from (1, 0, 0) to (3, 2, 2)
+    # scaled by 2 and moved by (1, 0, 0), to (3, 2, 2)
+    cube = read_obj(tmp_path / "cube.obj", "here", np.array([1.0, 0, 0]), 2.0)
     assert cube.closed
     met = cube.meet(np.array([[0.0, 1, 0.9], [2, 5, 1.1], [9, 9, 9]]), np.array([X, -Y, X]))
     np.testing.assert_array_equal(met.ray, [0, 1])
@@ -213,8 +214,8 @@ def test_bricks_stand_out_where_the_pattern_has_bricks(rng: np.random.Generator)
     painted = Pattern("bricks", np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]), repeat, 0.0).albedo(u, v)[:, 0]
     heights = bricks.heights(u, v)
     assert 0 < painted.mean() < 1
-    assert np.all((heights == 0) | (painted == 1))  # mortar is deep
+    assert np.all((heights == 0) | (painted == 1))  # mortar lies deep in the wall
     assert np.median(heights[painted == 1]) > 0.5
     assert heights.min() == 0
     assert 0.8 < heights.max() <= 1
-    assert np.std(heights[heights > 0.6]) > 0.03  # rough
+    assert np.std(heights[heights > 0.6]) > 0.03  # bricks are rough

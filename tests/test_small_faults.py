@@ -17,7 +17,7 @@ from counterlight.show.command_line import read_options
 from tests.media import read
 from tests.stage import Stage
 
-# Tags that change how pixels are stored, or whose value is no plain number.
+# Tags that change how pixels are stored, or whose value is not a plain number.
 ALTERS = {266, 282, 283, 292, 293, 317, 320, 322, 323, 324, 325, 330, 530}
 
 

@@ -322,5 +322,6 @@ def test_colours_that_the_projector_cannot_show_count_as_clipped_and_as_errors(r
         tier_of(room, Transport.from_matrices((T, T, T))), picture, radiance=False, options=CompensateOptions(("box",))
     )
     (found,) = task.run(picture)
-    assert found.clipped == pytest.approx(1 / 6, abs=1e-9)  # red, of three channels, in half of the picture
+    # only red, one of three channels, is clipped, in half of the picture
+    assert found.clipped == pytest.approx(1 / 6, abs=1e-9)
     assert found.quality.psnr == pytest.approx(-10 * np.log10(0.2**2 / 6), abs=0.01)

@@ -109,7 +109,7 @@ def test_means_weigh_rooms_alike_and_keep_the_worst() -> None:
     rows += [replace(ROW, room="b", below_optimum_db=6.0, frame_ms=8.0), replace(ROW, room="b", family="g")]
     found = means(rows)
     assert [(m.below_optimum_db, m.worst_db, m.rooms) for m in found] == [(4.0, 6.0, 2), (1.0, 1.0, 1)]
-    assert found[0].picture_ms == pytest.approx(8 ** (1 / 4))  # 1 · 1 · 1 · 8
+    assert found[0].picture_ms == pytest.approx(8 ** (1 / 4))  # the geometric mean of 1, 1, 1 and 8
     assert [m.family for m in everywhere(rows)] == ["f"]
     assert geometric([None, 0.0]) is None
 

@@ -251,7 +251,7 @@ def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path:
     with running(*words, errors=writable, **on(xvfb)) as process:
         os.close(writable)
         show = Show(process, tmp_path / "log")
-        show.player(frames=4)  # the list, which shows three frames, has begun again
+        show.player(frames=4)  # the list, which shows three frames, has started again
         os.close(readable)
         frames = show.beats()[-1]["frames"]
         show.wait(lambda: show.beats()[-1]["frames"] > frames + 3, "the show goes on")
@@ -323,7 +323,7 @@ def test_out_of_its_hours_a_show_is_black_and_projectors_are_off(
             change(always)
             second = show.player(other_than=first)
             begun = next(beat for beat in show.beats() if beat["pid"] == second)
-            assert begun["time_pos"] < 1.5  # from the beginning
+            assert begun["time_pos"] < 1.5  # the list starts at its beginning
             show.process.send_signal(signal.SIGTERM)
             code, errors = show.ended()
     assert code == 130
@@ -391,7 +391,7 @@ def test_a_medium_that_is_missing_is_waited_for(xvfb: str, room: Path, tmp_path:
         assert show.beats()[0]["path"] is None
         write_video(tmp_path / "new.mkv", [numbered(n) for n in range(20)])
         (tmp_path / "new.mkv").rename(tmp_path / "late.mkv")
-        assert show.ended() == (0, "")  # a show that ends is not begun again
+        assert show.ended() == (0, "")  # a show that ends is not started again
     assert len({beat["pid"] for beat in show.beats()}) == 1
 
 

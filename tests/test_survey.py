@@ -133,7 +133,7 @@ def test_a_room_within_one_square_is_solved_as_scipy_solves_it(rng: np.random.Ge
             assert truth > 0.01
             assert of(room.room, snapshot).decibels == pytest.approx(
                 truth, rel=0.1
-            )  # a doubling gains less than 3 %, and the rest may be three times as much
+            )  # as many further steps gain less than 3 %; all further steps may gain three times as much
 
 
 def test_a_square_makes_the_players_steps(rng: np.random.Generator) -> None:

@@ -98,7 +98,7 @@ def test_a_smooth_picture_is_met_better_than_by_whole_pixels() -> None:
 def test_across_an_edge_it_is_direct_mapping() -> None:
     at = looked_at()
     right = np.arange(len(at)) % CAMERA[1] >= 16
-    apart = at + np.where(right[:, None], [3.0, 0.0], [0.0, 0.0])  # another surface, three pixels further along
+    apart = at + np.where(right[:, None], [3.0, 0.0], [0.0, 0.0])  # another surface, three pixels further away
     T = seeing(apart, np.where(right, 0.2, 1.0))
     rows = triangulated_mapping(T, CAMERA, PROJECTOR)
     asked = np.where(rows.lengths == 3)[0]

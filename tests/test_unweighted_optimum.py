@@ -48,4 +48,4 @@ def test_a_still_is_near_the_optimum_and_not_below_direct_mapping(seed: int | No
         (over_all, within), (best, best_within), (direct, _) = (judge.psnr(p, b, maps.white) for p in drives)
         assert within >= best_within - NEAR_DB, (given.name, name)
         assert over_all >= direct - TIE_DB, (given.name, name)
-        assert best >= over_all - TIE_DB  # error of the judge itself
+        assert best >= over_all - TIE_DB  # error of the judge

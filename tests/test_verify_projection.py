@@ -78,7 +78,7 @@ def test_feedback_comes_closer_and_the_best_round_is_written(rooms: Path, capsys
     assert [int(row[0]) for row in figures] == [0, 1, 2]
     predicted, measured, model = np.array([row[1:] for row in figures], float).T
     assert measured[0] < predicted[0]  # T is compared with itself, so its errors do not show
-    assert measured[1:].max() > measured[0] + 0.1  # dB
+    assert measured[1:].max() > measured[0] + 0.1  # in decibels
     assert model.min() > 25
     assert {path.name for path in out.iterdir()} == {
         f"{n}.png" for n in ("projected", "desired", "predicted", "captured")
@@ -269,7 +269,7 @@ def test_a_folder_of_captures_goes_on_level_by_level(
     assert "round 1: " in said
     assert re.search(r"\nthe picture arrives as predicted, \d\d\.\d dB; next: counterlight play .*\n$", said)
     assert [*(exchange / "patterns").iterdir(), *(exchange / "captures").iterdir()] == []
-    assert verify_projection.main([str(wall), *camera]) == 2  # the next check has its own numbers
+    assert verify_projection.main([str(wall), *camera]) == 2  # the next check numbers its captures separately
     assert min(path.name for path in (exchange / "patterns").iterdir()) == f"{3 * REPEATS + 4:05}.png"
 
 

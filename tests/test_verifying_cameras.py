@@ -105,7 +105,7 @@ def test_a_picture_is_measured_by_every_camera(room: Path, tmp_path: Path, capsy
     write_changed(tmp_path / "now", calibration.read(room), cameras=[(0, 0), (1, 0)], exposures=[0.9, 1.0])
     assert verify(room, *words[:-1], tmp_path / "turned", "--camera", f"simulated:{tmp_path / 'now'}") == 0
     said = capsys.readouterr().out
-    assert "camera 2: " not in said  # the camera looks at another place
+    assert "camera 2: " not in said  # the camera sees another place
     assert "the picture arrives as predicted" in said
 
 

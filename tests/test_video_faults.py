@@ -93,7 +93,7 @@ def test_killed_decoder_is_replaced_without_losing_a_frame(cause: signal.Signals
         held = next_frame(reader)
         os.kill(reader.decoder_pid, cause)
         found = [*before, (held.time_s, tuple(plane.copy() for plane in held.planes)), *copies(reader)]
-        reader.release(held)  # a frame of a decoder that has gone
+        reader.release(held)  # a frame of a decoder that has ended
         (notice,) = reader.notices()
     assert [number(planes) for _, planes in found] == [n % 25 for n in range(40)]
     np.testing.assert_allclose([t for t, _ in found], np.arange(40) / RATE, atol=TIME_TOLERANCE_S, rtol=0)
@@ -111,7 +111,10 @@ def until_ready(reader: MediaReader) -> None:
 
 @pytest.mark.parametrize("cause", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_decoder_that_never_gives_a_sign_of_life(cause: signal.Signals, tmp_path: Path) -> None:
-    """A decoder stopped at its start is replaced. If it is killed while opening the medium, the medium is blamed."""
+    """A decoder stopped at its start is replaced.
+
+    If it is killed while opening the medium, the medium is reported as the cause.
+    """
     with MediaReader.begin(write_h264(tmp_path / "clip.mp4", 40)) as reader:
         os.kill(reader.decoder_pid, cause)
         if cause == signal.SIGKILL:
@@ -152,7 +155,7 @@ def test_frames_of_a_reader_that_was_begun_are_those_of_one_that_was_opened(tmp_
         reader.seek(0.0)
         until_ready(reader)
         reader.seek(1.0)
-        assert number(next_frame(reader).planes) == 0  # picture 25
+        assert number(next_frame(reader).planes) == 0  # this is picture 25 of the file
 
 
 def test_decoder_killed_in_a_later_lap_keeps_the_time(tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def test_views_share_a_screen_and_stay_calibrations_of_their_own(folders: list[P
     offset = first.positions.reshape(-1, 2) - np.stack(_centres(), axis=1)
     found, counts = second.positions.reshape(-1, 2) - offset, rooms[1].calibration.mask.ravel()
     away = np.linalg.norm(found - np.stack([x, y], axis=1), axis=1)[counts]
-    assert np.median(away) < 0.05  # pixels; centres of footprints
+    assert np.median(away) < 0.05  # in pixels: error of the centres of footprints
     assert np.percentile(away, 99) < 0.5
     alone = read_transport(calibration.read(folders[1]))
     together = read_transport(rooms[1])
@@ -182,5 +182,5 @@ def test_from_a_scene_to_a_picture_between_views(tmp_path: Path) -> None:
         shown.append(cv2.imread(f"{output}").astype(float))
     lit = np.minimum(shown[0], shown[2]) > 0
     between = np.abs(shown[1] - (shown[0] + shown[2]) / 2)[lit]
-    assert np.median(between) < 2  # code values: a matt wall looks the same from both sides
+    assert np.median(between) < 2  # in code values: a matt wall looks the same from both sides
     assert "expected X or X,Y, found '1,2,3'" in fail("join", tmp_path, "--at", "1,2,3", "-o", tmp_path / "other")

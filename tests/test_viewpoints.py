@@ -35,7 +35,7 @@ GRID = Places(tuple((float(x), float(y)) for x in range(4) for y in range(3)))
 @pytest.mark.parametrize("places", [SQUARE, LINE, GRID, Places(((3, -2),))])
 def test_a_viewer_at_a_view_has_that_alone(places: Places) -> None:
     shares = [places.shares((at,)) for at in places.at]
-    np.testing.assert_array_equal(shares, np.eye(len(places.at)))  # at a view's place, no other view contributes
+    np.testing.assert_array_equal(shares, np.eye(len(places.at)))  # at the place of a view, no other view contributes
 
 
 def test_shares_give_the_place_back_and_name_few_views(rng: np.random.Generator) -> None:
@@ -128,7 +128,7 @@ def test_between_views_steps_end_at_scipys_answer(views: list[PhysicalRoom], sha
 
 
 def test_a_pass_over_the_place_moves_the_drive_without_jumps(views: list[PhysicalRoom]) -> None:
-    """At 60 Hz a viewer moves little per frame, and so does the drive, also where a view's share starts."""
+    """At 60 Hz a viewer moves little per frame, so the drive changes little, even where another view gets a share."""
     renderer, drives = CpuRenderer(as_set(views)), []
     drawn(renderer, ((0, 0),), 64)
     for place in np.linspace(0, 1, 121):
@@ -177,7 +177,7 @@ def test_a_pixel_that_another_view_sees_is_not_held_dark(views: list[PhysicalRoo
         further = view.room.maps.refinement
         assert further is not None
         damping = np.zeros_like(further.step_size)
-        # a row that only the other view sees, and a row that no view sees
+        # one row that only the other view sees, and one row that no view sees
         damping[number], damping[3] = 2.0, 1.0 + number
         lit = np.divide(1, further.step_size, out=np.zeros_like(damping), where=further.step_size > 0)
         lit[number] = lit[3] = 0

@@ -66,7 +66,7 @@ def test_the_border_tells_the_gains_of_full_pictures_even_with_a_halo(rng: np.ra
     levels = [np.mean(each, axis=(1, 2)) for each in (grey, list(wander.steadied(grey)))]
     before, after = (level.std(axis=0) / level.mean(axis=0) for level in levels)
     assert before.min() > 0.015
-    # 192 pixels of 0.015 with noise of 1e-4 tell a gain to 0.05 %
+    # 192 pixels of 0.015 with noise of 1e-4 determine a gain to 0.05 %
     assert after.max() < 0.001
     true = np.mean(e + 0.3 * light, axis=(0, 1))
     assert levels[1].mean(axis=0) == pytest.approx(true, rel=0.02)  # gains of black and white, 16 captures each
@@ -86,7 +86,7 @@ def test_the_transport_of_a_wandering_camera_is_that_of_a_steady_one(rng: np.ran
     truth = sharp_wall(rng)
     steady, wandering = (done(truth, camera) for camera in (SimulatedCamera, WanderingCamera))
     assert wandering.wander is not None
-    assert wandering.wander.spread.max() == pytest.approx(SPREAD, rel=0.4)  # of 16 gains
+    assert wandering.wander.spread.max() == pytest.approx(SPREAD, rel=0.4)  # deviation of 16 gains
     assert wandering.exposures < 1.2 * steady.exposures
     found, best = (error(each.measured.transport, truth) for each in (wandering, steady))
     assert found < best + 0.008  # the mean gain of 16 captures of white is unknown, to 0.6 %
@@ -105,8 +105,8 @@ def test_pictures_that_are_captured_once_are_divided_by_the_gains_of_the_border(
         errors.append(error(found.measured.transport, room.transport))
         assert found.wander is not None
         assert found.wander.is_active == (camera is WanderingCamera)
-    assert found.wander.spread == pytest.approx([SPREAD] * 3, rel=0.4)  # of 24 gains, with noise of 0.6 %
-    assert errors[1] < 1.3 * errors[0]  # 2.2 without this division
+    assert found.wander.spread == pytest.approx([SPREAD] * 3, rel=0.4)  # deviation of 24 gains, with noise of 0.6 %
+    assert errors[1] < 1.3 * errors[0]  # the ratio is 2.2 without this division
 
 
 def done(truth: Transport, camera: type[SimulatedCamera]) -> Acquisition:

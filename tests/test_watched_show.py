@@ -1,4 +1,4 @@
-"""The player's side of the watching: messages to the watcher, use of its answers, and effects of its faults."""
+"""The player's connection to the watcher: messages to the watcher, use of its answers, and effects of its faults."""
 
 import json
 import subprocess
@@ -75,7 +75,7 @@ class Watched:
         return [each for each in found if kind in ("", each["kind"])]
 
     def told_frozen(self) -> bool:
-        """Whether the latest situation is frozen."""
+        """Whether the correction is frozen in the latest message."""
         return any(each["frozen"] for each in self.messages("Situation")[-1:])
 
     @property
@@ -114,10 +114,10 @@ def test_the_watcher_gets_each_frame_and_bursts_of_pictures(tmp_path: Path) -> N
     shown = {(light["time_s"], light["number"]) for light in lights}
     assert all((picture["time_s"], picture["number"]) in shown for picture in pictures)
     numbers, at_s = ([picture[name] for picture in pictures] for name in ("number", "time_s"))
-    gaps = np.flatnonzero(np.diff(numbers) > 1) + 1  # between two bursts
+    gaps = np.flatnonzero(np.diff(numbers) > 1) + 1  # there is a gap between two bursts
     assert len(gaps) >= 2
     assert np.all(np.diff(gaps) == BURST)
-    assert np.all(np.abs(np.diff([at_s[gap] for gap in gaps]) - BURST_EVERY_S) <= 0.05)  # one frame
+    assert np.all(np.abs(np.diff([at_s[gap] for gap in gaps]) - BURST_EVERY_S) <= 0.05)  # within one frame
 
 
 def test_a_still_picture_is_sent_and_text_over_the_picture_is_not(tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_a_faulty_watcher_is_reported_once_and_started_again_after_a_pause(
             began_s = clock.now
             clock.now += again
             show.until(lambda: not show.watcher.running)
-            assert clock.now - began_s < again + 60  # the show's time; a frame counts for 0.01 s
+            assert clock.now - began_s < again + 60  # in the show's time, in which a frame counts for 0.01 s
             ended_s = clock.now
             assert show.state["state"] == "starting"
             while not show.watcher.running:

@@ -1,4 +1,4 @@
-"""Changes of a rig's room during a film are found and corrected; other events are reported, not corrected."""
+"""Changes of a rig's room during a film are found and corrected; other events are only reported."""
 
 from dataclasses import replace
 from functools import partial
@@ -100,7 +100,7 @@ def test_a_jump_is_found_by_a_camera_of_unknown_exposure(view: RoomView, rig: Ri
     last = seen(view, rig, scene)[-1]
     np.testing.assert_allclose(middle(view, last), (0.3, 0.4), atol=NEAR_PX)
     expected_s = camera.latency_s + 0.8 * camera.jitter_s + camera.rolling_s / 2  # latency of the middle row
-    assert abs(last.latency_s - expected_s) < exposure_s / 2 + 0.01  # exposures that are tried lie this far apart
+    assert abs(last.latency_s - expected_s) < exposure_s / 2 + 0.01  # the exposures that are tried lie this far apart
 
 
 def test_a_lamp_that_dims_is_found(view: RoomView, rig: Rig) -> None:

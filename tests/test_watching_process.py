@@ -24,7 +24,7 @@ from tests.oracles.formulas import grid_means
 from tests.programs import PATIENCE_S, ROOT, succeed
 
 SHIFT = 0.5, -0.25
-NEAR = 0.05  # pixels; boxes of light and interpolated pictures differ by this much in detail
+NEAR = 0.05  # in pixels; boxes of light and interpolated pictures differ by this much in detail
 
 
 @pytest.fixture(scope="module")

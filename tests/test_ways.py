@@ -66,8 +66,8 @@ def test_wax_scatters_and_its_board_does_not() -> None:
     light = np.zeros_like(wax)
     light[1:-1, 1:-1] = True
     scattered = ways.flags[WAYS.index(SCATTERED)]
-    assert scattered[wax & ways.lit].mean() > 0.85  # the rest are sockets, lit by the surrounding bone
-    assert scattered[~wax & light].mean() < 0.03  # pixels on the edge
+    assert scattered[wax & ways.lit].mean() > 0.85  # the remaining pixels are sockets, lit by the surrounding bone
+    assert scattered[~wax & light].mean() < 0.03  # the others are pixels on the edge
     assert not shown(ways, BENT)[wax].mean() > 0.03
 
 
@@ -103,7 +103,7 @@ def test_what_is_seen_or_lit_through_glass_is_bent() -> None:
     changed = (abs(light - bare).sum(axis=1) / bare.sum(axis=1)).reshape(40, 54)
     bent = shown(ways, BENT)
     assert bent[changed > 0.8].mean() > 0.65  # light bent along its line, or by a fifth of a pixel, is not detected
-    assert bent[changed < 0.1].mean() < 0.03  # next to an edge
+    assert bent[changed < 0.1].mean() < 0.03  # the others are next to an edge
     assert not any(shown(ways, way).mean() > 0.005 for way in WAYS if way is not BENT)
 
 

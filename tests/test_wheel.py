@@ -44,7 +44,8 @@ def installed(wheel: Path) -> Path:
     python("-m", "venv", "--without-pip", str(environment))
     (packages,) = environment.glob("lib/python*/site-packages")
     python("-m", "pip", "--python", str(environment / "bin" / "python"), "install", "--no-deps", "--quiet", str(wheel))
-    (packages / "borrowed.pth").write_text(f"{Path(np.__file__).parents[1]}\n")  # .pth files in there are not read
+    # .pth files in the borrowed folder are not read
+    (packages / "borrowed.pth").write_text(f"{Path(np.__file__).parents[1]}\n")
     borrow_what_is_compiled(packages / "counterlight")
     return environment / "bin"
 
@@ -84,7 +85,7 @@ def is_shader(path: Path) -> bool:
 
 def test_the_wheel_holds_one_package_with_every_module_scene_and_clip(unpacked_wheel: Path) -> None:
     found = {path.relative_to(unpacked_wheel).as_posix() for path in unpacked_wheel.rglob("*") if path.is_file()}
-    ours = {name for name in found if not name.startswith("counterlight-")}  # the rest belongs to pip
+    ours = {name for name in found if not name.startswith("counterlight-")}  # all other files belong to pip
     names = {"player": "", "tools": "tools/", "shaders": "shaders/", "calib_data": "calib_data/"}
     listing = subprocess.run(["git", "ls-files", *names], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     paths = [name.partition("/") for name in listing.splitlines() if (ROOT / name).exists()]

@@ -64,7 +64,10 @@ def test_a_lens_is_judged_by_its_picture_not_by_its_circle_of_confusion(tmp_path
 
 
 def test_a_lens_that_bends_is_judged_by_the_pixels_that_it_moves(tmp_path: Path) -> None:
-    """The same lens moves more pixels of a larger picture. A tenfold `strongly` bent lens would fold the picture."""
+    """The same lens moves more pixels of a larger picture.
+
+    With a lens that bends ten times as `strongly`, the picture would fold.
+    """
     scene = load_scene(scene_file(tmp_path, plane(extra=BRICKS)))
     slightly, strongly = (
         replace(scene, camera=replace(scene.camera, distortion=(k1, 0.0, 0.0, 0.0, 0.0))) for k1 in (-0.004, -0.15)
@@ -92,7 +95,7 @@ def small_card(tmp_path: Path) -> Scene:
 
 
 def test_a_small_shadow_may_fall_on_the_brightest_part_of_a_picture(tmp_path: Path) -> None:
-    """In the small room it was worth 0.03 dB, because windows are dark in its place. The photograph lost 0.15 dB."""
+    """In the small room, the effect was worth 0.03 dB, because windows are dark there. The photograph lost 0.15 dB."""
     lenses = {"position": "[0.35, 0.25, 2]", "fov": "34"}, {"position": "[-0.2, 0.1, 2.1]", "fov": "28"}
     sizes = (160, 120), (200, 150)
     devices = "".join(
@@ -151,5 +154,5 @@ def test_the_command_says_what_effects_are_worth() -> None:
     said = succeed("simulate", scene, "--explain", "--camera", "40x24", "--projector", "32x20")
     lines = {line.split()[0]: line.split() for line in said.splitlines()}
     assert lines["effect"][5] == "dB"
-    assert float(lines["inter_reflection"][6]) > 1  # dB; the percent sign of the energy is a separate word
+    assert float(lines["inter_reflection"][6]) > 1  # in dB; the percent sign of the energy is a separate word
     assert "decibels are a number of at least 0" in fail("simulate", scene, "--explain", "--within=-1dB")

@@ -76,18 +76,18 @@ def test_struck_at_any_step_the_old_or_the_new_is_whole(
         assert run.code in ((-9,) if how == KILL else (0, 2)), run.words
         assert len(run.words.splitlines()) <= 1
         assert kind != "sequence" or one_generation(tmp_path)
-        if run.code == 2:  # a failed command leaves nothing to continue with
+        if run.code == 2:  # the command has failed, so there is nothing to continue with
             assert place.left_over() == []
         if rng.integers(3) != 0:
             found = place.look(place.path)
             assert found in (generation - 1, generation), run
             seen.add(found == generation)
-        place.write(generation)  # the next command
+        place.write(generation)  # the next command that writes
         assert place.look(place.path) == generation
         assert place.left_over() == []
     else:
         pytest.fail("never ended")
-    refused_whole = kind == "sequence" and how == REFUSE  # its frames are removed again
+    refused_whole = kind == "sequence" and how == REFUSE  # the frames of a refused sequence are removed
     assert seen == ({False} if refused_whole else {False, True})
     assert at > 10
 

@@ -12,7 +12,7 @@ from heapq import heappop, heappush
 class Wire:
     """Passes datagrams from `port` to `target`, and the answers back.
 
-    delay_s : least and largest delay in each direction, drawn per datagram, so that datagrams may overtake.
+    delay_s : least and largest delay in each direction, drawn per datagram, so that datagrams may overtake each other.
     loss : share of lost datagrams in each direction.
     cut : True drops everything.
     """

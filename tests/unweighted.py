@@ -37,7 +37,7 @@ class Judge:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """Return the pixels inside the border; none if the lit area is nowhere nine pixels wide."""
+        """Return the pixels inside the border; none if the lit area is narrower than nine pixels everywhere."""
         return ndimage.binary_erosion(self.lit, np.ones((3, 3)), iterations=BORDER, border_value=0)
 
     def psnr(self, p: np.ndarray, b: np.ndarray, white: float) -> tuple[float, float]:

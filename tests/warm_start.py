@@ -53,7 +53,7 @@ def import_all() -> dict[str, str]:
             importlib.import_module(module.name)
     from numba.core.registry import cpu_target
 
-    cpu_target.typing_context.refresh()  # as the first compiled function would do
+    cpu_target.typing_context.refresh()  # the first compiled function would do the same
     cpu_target.target_context.refresh()
     gc.collect()
     gc.freeze()  # copies share the memory pages
@@ -71,7 +71,8 @@ def compile_one_at_a_time() -> None:
     def compile_alone(self: Any, signature: Any) -> Any:
         nonlocal is_locked
         with global_compiler_lock:
-            if is_locked or not self.stats.cache_path:  # one function compiles those that it calls
+            # the function that is compiled also compiles those that it calls
+            if is_locked or not self.stats.cache_path:
                 return compile_here(self, signature)
             with open(__file__, "rb") as file:
                 fcntl.flock(file, fcntl.LOCK_EX)
@@ -224,14 +225,15 @@ def _end(ending: SystemExit) -> None:
     if isinstance(code, int):
         threading._shutdown()  # type: ignore[attr-defined]
         atexit._run_exitfuncs()
-        with contextlib.suppress(OSError, ValueError):  # a full disk, a closed reader, or a closed stream
+        # the disk is full, the reader has closed, or the stream is closed
+        with contextlib.suppress(OSError, ValueError):
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(code & 0xFF)
 
 
 def main() -> None:
-    if os.fork():  # the server is no child of a test, because tests count their children
+    if os.fork():  # the server must not be a child of a test, because tests count their children
         os._exit(0)
     imported = import_all()
     compile_one_at_a_time()

@@ -1,6 +1,6 @@
 """A film in a rig that changes, in compressed time: the watcher gets frames and captures, and corrects.
 
-The rig shares no code with the product. The player is replaced by its pass for moved pictures.
+The rig shares no code with the product. Only the player's pass for moved pictures is used.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ class Scene:
     """Events during a film.
 
     devices : the devices at a time.
-    person : share of the light that reaches the camera at a time, (camera height, camera width), if not all.
+    person : share of the light that reaches the camera at a time, (camera height, camera width), if not all of it.
     frozen_s : from then on the camera repeats its last capture.
     told : whether the watcher knows the exposure.
     """

@@ -1,4 +1,4 @@
-"""A watcher for tests of the player's side: records the messages, answers as a file says, or misbehaves.
+"""A watcher for tests of the player's side: records the messages, gives the answers in a file, or misbehaves.
 
     python -m tests.watcher_program FOLDER MANNER
 

@@ -25,7 +25,7 @@ from typing import Any, Literal
 from counterlight.command import BAD_INPUT, DONE, Parser, command_line, conclusion, verb
 from counterlight.tools.system_packages import PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
 
-PROBE_S = 60.0  # seconds; a software renderer's first context on a busy machine takes several
+PROBE_S = 60.0  # time limit in seconds; a software renderer's first context on a busy machine takes several
 SMALLEST_TEXTURE = 4096
 IMPORT_NAMES = {
     "opencv-contrib-python-headless": "cv2",

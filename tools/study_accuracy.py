@@ -78,9 +78,9 @@ def _parser() -> Parser:
         type=parse_seconds,
         default=10.0,
         metavar="SECONDS",
-        help="vary the parameters of the whole inverse only where it takes at most this (default 10)",
+        help="vary the parameters of the whole inverse only in rooms where one inverse takes at most this (default 10)",
     )
-    add("--table-6-1", action="store_true", help="also measure the scenes of the thesis at its sizes; takes longer")
+    add("--table-6-1", action="store_true", help="also measure the scenes of the thesis at the thesis' sizes (slow)")
     add_colour(parser)
     add_cluster(parser, "measure the rooms")
     return parser

@@ -94,7 +94,7 @@ def _being_completed() -> list[str]:
     line = os.environ["COMP_LINE"][: int(os.environ.get("COMP_POINT", "100000"))]
     try:
         words = shlex.split(line)
-    except ValueError:  # an open quotation
+    except ValueError:  # the line has an open quotation
         words = line.split()
     if line[-1:].isspace():
         words.append("")

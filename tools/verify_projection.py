@@ -38,7 +38,7 @@ COMMON = (
     *("--projector", "--monitor", "--window", "--exposures", "--no-correct", "--watch", "--control"),
     *("--rounds", "--output", "--solver"),
 )
-LOST = 3  # exit code
+LOST = 3  # exit code if the calibration no longer holds
 WATCH_S = 600.0
 
 

@@ -26,7 +26,7 @@ from counterlight.files.exr_header import MAX_PIXELS, Part, read_parts
 from counterlight.files.reading import DescribedFiles, Source, opened
 from counterlight.files.silence import silence
 
-MAX_SURPLUS_BYTES = 1 << 30  # limit for decoding unwanted channels along with wanted ones
+MAX_SURPLUS_BYTES = 1 << 30  # most bytes of unwanted channels that may be decoded along with wanted ones
 FIX = "export it again"
 _HEADER = {
     "compression": OpenEXR.ZIP_COMPRESSION,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import ceil
 from typing import BinaryIO
 
-MAX_PIXELS = 1 << 28  # 16384², the largest 2D texture of common GPUs
+MAX_PIXELS = 1 << 28  # number of pixels of a 16384² texture, the largest 2D texture of common GPUs
 MOST_PIXELS = 1 << 30  # limit for Counterlight's own files, which are read in pieces (exr_lines.py)
 MAGIC, TILED, DEEP, MULTIPART = 20000630, 0x200, 0x800, 0x1000
 LONGEST_NAME, MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 255, 64, 1024, 1024
@@ -22,7 +22,7 @@ LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32}
 MOST_LINES = 256
 BYTES = {0: 4, 1: 2, 2: 4}  # bytes per value of a channel: UINT, HALF, FLOAT
 UINT, FLOAT = 0, 2
-PLAIN = b"\0"  # value of "no compression", and of "lines from the top"
+PLAIN = b"\0"  # value that means "no compression", and "lines from the top"
 
 Window = tuple[int, int, int, int]
 

@@ -19,7 +19,7 @@ from counterlight.gl.x11 import Box
 
 CHECK_S = 0.1  # between checks of a window's place and of windows that cover it
 AWAKE_S = 30.0  # between resets of the screen saver; screens are blanked later than this
-RELEASED_S = 1.0  # a window manager releases a hidden window within milliseconds
+RELEASED_S = 1.0  # longest wait; a window manager releases a hidden window within milliseconds
 LAYER = "_COUNTERLIGHT_LAYER"  # window property from which the windows of several processes know their order
 BYPASS = "_NET_WM_BYPASS_COMPOSITOR"
 

@@ -25,7 +25,7 @@ WITHOUT_XWAYLAND = (
 )
 MANAGER = "_NET_SUPPORTING_WM_CHECK"
 USUAL_HZ = 60
-STARTS_S = 1.0  # a starting window manager needs milliseconds between the two properties
+STARTS_S = 1.0  # longest wait; a starting window manager needs milliseconds between the two properties
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class PatternWindow(_PictureWindow):
         Raises InputError if the window was closed or does not fill its monitor, KeyboardInterrupt after Escape.
         """
         self._write(codes)
-        for _ in range(2):  # both buffers: a driver may show either
+        for _ in range(2):  # both buffers are drawn, because a driver may show either
             self._window.present(None, black=False)
             self._window.context.finish()
         if ESCAPE in self._window.poll(0):

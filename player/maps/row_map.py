@@ -90,7 +90,7 @@ class SparseRows:
 
     def apply(self, source: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return Σ_k weights[k] source[indices[k]] of every row: (source pixels, 3) -> (rows, 3), summed in float64."""
-        # importing Numba takes half a second, so only when needed
+        # imported only when needed, because importing Numba takes half a second
         from counterlight.maps.products import product_of_channels
 
         if source.shape != (self.columns, 3):

@@ -151,7 +151,8 @@ def lanes_of_words(small: WordMap) -> int:
 
 def word_parts(small: WordMap, lanes: int, most_words: int) -> Iterator[WordPart]:
     """Yield the map in parts of at most `most_words`, padding included; a workgroup is never split."""
-    from counterlight.maps.word_runs import in_words  # importing Numba takes half a second, so only when needed
+    # imported only when needed, because importing Numba takes half a second
+    from counterlight.maps.word_runs import in_words
 
     runs = small.runs
     order = row_order(np.diff(runs.starts), small.output_shape)

@@ -78,7 +78,8 @@ class SmallMap:
 
     def transposed(self, kept: NDArray[np.bool_] | None, colours: Uint32 | None) -> "SmallMap":
         """Return the codes' transpose, using only the rows in `kept`. colours : colours of the transpose's rows."""
-        from counterlight.maps.products import transpose  # importing Numba takes half a second, so only when needed
+        # imported only when needed, because importing Numba takes half a second
+        from counterlight.maps.products import transpose
 
         own = self if kept is None else self.where(np.repeat(kept, np.diff(self.indptr)))
         columns = self.source_shape[0] * self.source_shape[1]

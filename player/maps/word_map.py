@@ -54,7 +54,8 @@ class WordMap:
 
     @classmethod
     def of(cls, small: SmallMap) -> "WordMap":
-        from counterlight.maps.word_runs import in_words  # importing Numba takes half a second, so only when needed
+        # imported only when needed, because importing Numba takes half a second
+        from counterlight.maps.word_runs import in_words
 
         made, (height, width) = in_words(small), small.output_shape
         rows = np.full((height + 1, width, 1 if small.colours is None else 2), made.starts[-1], np.uint32)

@@ -216,5 +216,5 @@ def open_audio(volume: float, *, mute: bool) -> tuple[AudioOutput | None, str | 
         return output, None
     except ImportError:
         return None, MISSING
-    except Exception as error:  # PortAudio's errors; also OSError if its library is missing
+    except Exception as error:  # errors of PortAudio; also OSError if its library is missing
         return None, f"no sound: {' '.join(str(error).split())}; pictures follow the system clock"

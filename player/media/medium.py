@@ -28,7 +28,7 @@ _PROTOCOLS = {
     "srt": "srt",
     "tcp": "tcp",
 }
-_DEVICE_PROTOCOLS = "file"  # a device uses no protocol, but FFmpeg takes an empty list for all protocols
+_DEVICE_PROTOCOLS = "file"  # the protocol of a device; it needs none, but FFmpeg takes an empty list for all protocols
 
 
 @dataclass(frozen=True)

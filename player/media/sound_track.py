@@ -20,7 +20,7 @@ from counterlight.media.decoding.child import start_child
 from counterlight.media.decoding.opening import open_file
 from counterlight.media.medium import Medium
 
-PATIENCE_S = 30.0  # longest silence of a copier
+PATIENCE_S = 30.0  # longest time without a sign from a copier
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from PIL import ImageDraw, ImageFont
 
 TEXT_HEIGHT = 16  # height of a line of text at scale 1, in pixels
 FONT = str(resources.files("counterlight.overlay.fonts") / "DejaVuSans.ttf")
-UNWRITABLE, MISSING = "?", "\U0010ffff"  # stands for control characters; a code point in no font
+UNWRITABLE, MISSING = "?", "\U0010ffff"  # a sign for control characters; a code point that no font has
 FOUND_S = 1.0  # time limit for a font query to the system
 BLOCK = 128  # code points per font query
 

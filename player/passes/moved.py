@@ -10,7 +10,7 @@ from counterlight.passes.drawing import Array, Pass, Picture
 from counterlight.passes.kernel import PICTURE, inlined, kernel, prange, projected, within
 
 TAPS = 6  # interpolation uses TAPS × TAPS pixels
-# pixels: how far a moved picture continues beyond the calibrated raster, and over which distance it then fades
+# distance, in pixels, to which a moved picture continues beyond the calibrated raster, and over which it then fades
 WHOLE, FADE = 1.0, 2.0
 
 

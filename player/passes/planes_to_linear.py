@@ -14,11 +14,11 @@ from counterlight.passes.drawing import CHANNELS, Array
 from counterlight.passes.kernel import LINE, PLANE, Whole, inlined, kernel, looked_up, prange, within
 
 SHADER = "planes_to_linear.frag"
-LEAST = 1e-6  # smallest denominator, against division by 0
+LEAST = 1e-6  # smallest denominator, which avoids division by 0
 ZERO, ONE, SMALL = np.float32(0), np.float32(1), np.float32(LEAST)
 RED, GREEN, BLUE = (np.float32(weight) for weight in LUMINANCE)
 RED_2020, GREEN_2020, BLUE_2020 = (np.float32(weight) for weight in LUMINANCE_2020)
-AS_IT_IS = np.array([0, 1], np.float32)  # identity transfer table
+AS_IT_IS = np.array([0, 1], np.float32)  # a transfer table that changes nothing
 
 
 @dataclass(frozen=True, eq=False)

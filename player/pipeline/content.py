@@ -118,5 +118,5 @@ def psnr(mean_square: float) -> float:
 
 
 def approach(duration_s: float) -> float:
-    """Return by which share of its distance the adaptation approaches the found values in a frame of this duration."""
+    """Return the share of the remaining difference by which the adaptation changes in a frame of this duration."""
     return float(1 - np.exp(-max(duration_s, 0.0) / SMOOTHING_S))

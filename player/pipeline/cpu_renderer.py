@@ -172,7 +172,7 @@ class _Adapter(Held):
         weight = 0.0 if self._succession.fresh else 1 - approach(self._succession.elapsed_s)
         self._now = (1 - weight) * found + weight * self._before
         self._succession.draw()
-        return cast(Array, self._now)  # float64, which only the pass Tone accepts
+        return cast(Array, self._now)  # a float64 value, which only the pass Tone accepts
 
 
 class _Encoder(Held):

@@ -20,7 +20,7 @@ from counterlight.media.frames import PixelFormat
 from counterlight.writing.replacing import remove_file, replacing_file
 
 Corner: TypeAlias = tuple[float, float]
-# clockwise from the picture's upper left, in shares of the view
+# default corners, clockwise from the picture's upper left, in shares of the view
 Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]
 FILE, FORMAT = "placement.toml", 1
 FARTHEST = 2.0  # how far outside the view a corner may lie, in widths or heights of the view

@@ -26,12 +26,12 @@ from counterlight.files.tables import Table
 STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
 STEPS_OF_A_STILL = 128  # stills have time; 64 steps lose 0.7 dB with coarse unfocused cameras
-GOOD_ENOUGH_DB = 0.1  # this far below the optimum, a picture shows no difference
-CLEAN_DB = 1.0  # this far below the best measured value, the difference is hard to see
+GOOD_ENOUGH_DB = 0.1  # a picture this far below the optimum shows no difference
+CLEAN_DB = 1.0  # a picture this far below the best measured value differs so little that it is hard to see
 MOST_OFFERED = 16  # largest number of steps offered in a window
 GREY = 0.5
 OVER_RELAXATION = 0.6
-LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays for any number of steps
+LARGEST_MOMENTUM = 0.95  # below 1, so that every mode of an unclamped iteration decays for any number of steps
 
 MOST_STEPS = 256
 FINEST_DB, WORST_DB = 1e-3, 1e3  # limits of dB values in a manifest

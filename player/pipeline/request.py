@@ -54,7 +54,7 @@ class Request(Owning, Generic[Picture]):
         """Accept pictures of a format from now on."""
         self.take(placed)
         self._adjustments = NEUTRAL
-        _ = self._full, self._mixer.rows  # made now, so that no frame makes them
+        _ = self._full, self._mixer.rows  # computed now, so that no frame has to compute it
         self.adjust(adjustments)
 
     def take(self, placed: Placed[Picture] | Crossfade[Picture]) -> None:

@@ -26,7 +26,8 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_dec
 from counterlight.response import PQ_PEAK, TABLE_SIZE, pq_codes, pq_light, transfer_table
 
 FloatArray = NDArray[np.floating]
-UNSAID_PEAK = 1000.0  # cd/m²: BT.2100's reference display, HLG's nominal display, and the usual grading peak of PQ
+# cd/m², for media that state no peak: BT.2100's reference display, HLG's nominal display, the usual grading peak of PQ
+UNSAID_PEAK = 1000.0
 HLG_RANGE = 400.0, 2000.0  # cd/m²: range of BT.2100's formula for γ; beyond an end of the range, γ of this end
 
 

@@ -10,7 +10,7 @@ from counterlight.passes.drawing import Picture
 from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.pipeline.refinement import GREY
 
-Targets = TypeVar("Targets")  # the targets of views, from which a drive is made
+Targets = TypeVar("Targets")  # type of the views' targets, from which a drive is made
 
 
 class Iterate(NamedTuple, Generic[Picture]):

@@ -13,7 +13,7 @@ from typing import Any
 from counterlight.unattended.json_lines import encode
 
 PATIENCE_S = 30.0  # limit for a show that is stopped or reads its maps
-LONGEST_LINE = 64 << 20  # bytes; a list of a hundred thousand media takes 8 MiB
+LONGEST_LINE = 64 << 20  # in bytes; a list of a hundred thousand media takes 8 MiB
 AGAIN_S = 0.1
 _OBSERVED = 1  # number that all observations share
 

@@ -17,7 +17,7 @@ from counterlight.unattended.json_lines import encode
 
 VERSION = 1 << 16  # version of this protocol, numbered as in mpv: major << 16 | minor
 MAX_LINE = 64 << 10  # most bytes of a line
-MAX_UNSENT = 256 << 10  # bytes; a client with more unsent bytes gets no changes, and its requests wait
+MAX_UNSENT = 256 << 10  # in bytes; a client with more unsent bytes gets no changes, and its requests wait
 MAX_OBSERVED = 128  # most observed properties per client
 _CHUNK = 16 << 10
 

@@ -16,10 +16,10 @@ from counterlight.show.stats import Stats
 Steps: TypeAlias = int | Literal["auto"]
 Limit: TypeAlias = float | Literal["no"]
 WELL_WITHIN = 1 / 3  # share of the allowed decibels; at a smaller distance, fewer steps are tried
-# factors per change of the steps: smallest and largest when falling, largest when rising
+# factors for one change of the steps: smallest and largest factor of a decrease, largest factor of an increase
 FEWEST, FEWER, MORE = 1 / 2, 3 / 4, 4.0
 FALL = 0.6  # dB below the optimum are roughly proportional to steps^-1.7
-RECENT, TELLING = 7, 3  # frames in a median of times; frames needed to choose a start
+RECENT, TELLING = 7, 3  # RECENT: frames in a median of times; TELLING: frames that are needed to choose a start
 TRIES = 5  # failures in a row that cause a notice
 
 

@@ -10,8 +10,9 @@ from counterlight.show.playback import Playback
 from counterlight.show.session import Session
 from counterlight.unattended.cues import Beacon, Cue, Heard, Listener
 
-FAR_S = 1.0  # with a larger error a follower seeks; with a smaller error it shifts media time
-CLOSE_S, CLOSE_WITH_SOUND_S = 0.002, 0.03  # smaller errors are left alone, because correcting sound is audible
+FAR_S = 1.0  # error above which a follower seeks; with a smaller error it shifts media time
+# largest errors that are left alone; with sound, a correction would be audible
+CLOSE_S, CLOSE_WITH_SOUND_S = 0.002, 0.03
 PUT_RIGHT_S, SEEK_S = 0.5, 2.0  # shortest time between two shifts, and between two seeks
 OTHER_ITEM_S, AGAIN_S = 0.5, 10.0  # how long the leader plays an item before it is selected; pause between attempts
 LONGEST_SEEK_S = 5.0

@@ -103,7 +103,7 @@ MEANINGS = {
     "place-save": "keep it",
     "place-cancel": "as it was",
 }
-ASIDE = ("stats", "help")  # a change of these properties is visible without a message
+ASIDE = ("stats", "help")  # a change of these properties is visible anyway, so no message is shown
 
 
 class Keys:

@@ -22,7 +22,7 @@ LIST_S = 10.0  # longest time that reading a list may take
 RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
 HURRY_S = 0.25  # shortest time between starting two decoders, however many requests come
 MOST_RETURNS = 4  # number of overtaken requests that are remembered
-PLAYED_S = 5.0  # a medium that breaks off after this time does not count as a failure
+PLAYED_S = 5.0  # a medium that ends after this time does not count as failed
 
 
 class Opening(NamedTuple):

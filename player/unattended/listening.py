@@ -10,7 +10,7 @@ from pathlib import Path
 
 from counterlight.errors import InputError
 
-MAX_ADDRESS = 107  # bytes of a socket path on Linux; other systems allow a few less
+MAX_ADDRESS = 107  # bytes of a socket path on Linux; other systems allow a few bytes less
 _UNBORN = re.compile(r"\.([0-9a-f]{1,7})\.new")  # a socket that does not listen yet; the digits are its process
 
 
@@ -24,7 +24,7 @@ def listen(path: Path, backlog: int) -> socket.socket:
     unborn = path.with_name(f".{os.getpid():x}.new")
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        if len(os.fsencode(path)) > MAX_ADDRESS:  # clients could not connect to it
+        if len(os.fsencode(path)) > MAX_ADDRESS:  # clients could not connect to so long a path
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         os.fchmod(listener.fileno(), 0o600)  # Linux gives the file these rights from its first moment
         listener.bind(str(unborn))

@@ -10,7 +10,7 @@ from typing import IO, NamedTuple
 from counterlight.command import NEXT
 
 LONGEST_S = 600.0  # longest check, for a camera that does not answer
-ENDING_S = 2.0  # shorter than the 3 s of silence after which a supervisor takes a player for dead
+ENDING_S = 2.0  # seconds, less than the 3 s of silence after which a supervisor takes a player for dead
 
 
 class Outcome(NamedTuple):

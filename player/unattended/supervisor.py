@@ -30,7 +30,7 @@ from counterlight.unattended.heartbeat import INTERVAL_S, Inbox, Notifier, read_
 from counterlight.unattended.hours import Keeper, Schedule
 
 SILENCE_S = 3.0  # three heartbeats; with the longest back-off, the next player starts after 5 s
-START_S = 60.0  # time to read the maps and compile the shaders
+START_S = 60.0  # longest time to read the maps and compile the shaders
 ENDING_S = 10.0  # longest time that a process takes to end after a request or its farewell
 BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 2.0
 MOST_CRASHES, WINDOW_S = 5, 600.0
@@ -114,7 +114,7 @@ class Child:
         """Return the variables received since the last call, the newest value of each."""
         told = self._inbox.drain()
         now = time.monotonic()
-        # a long time since the last look says that the supervisor itself was stopped; this silence does not count
+        # a long time since the last look means that the supervisor itself was stopped; this silence does not count
         if (told and not self.ending) or now - self._looked > 10 * _POLL_S:
             self._heard = now
         self._looked = now
@@ -219,7 +219,7 @@ class Supervisor:
     ) -> None:
         self._players, self._notifier, self._plays = players, notifier, plays
         self._curtain, self._below = curtain, below
-        # whether the schedule said that the show plays; whether the show has ended since
+        # whether the show played by the schedule at the last look, and whether the show has ended since
         self._open, self._over = True, False
         self._level = 0
         self._crashes, self._place = Crashes(), Place()
@@ -429,7 +429,7 @@ def with_options(arguments: Sequence[str], *options: str) -> list[str]:
 
 
 def _end_with_parent(parent: int) -> Callable[[], None]:
-    """Return a function for a child to run between fork and exec: the child then ends with a killed supervisor."""
+    """Return a function that a child runs between fork and exec, so that it ends when the supervisor is killed."""
 
     def ask() -> None:
         _prctl(_SET_PDEATHSIG, signal.SIGKILL)

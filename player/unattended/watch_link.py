@@ -24,7 +24,7 @@ FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share o
 STATES = (
     "starting",  # reads the calibration, or opens the camera
     "looking",  # finds out when the camera sees a frame.
-    "holding",  # θ stays: nothing has changed, or the film says too little
+    "holding",  # θ stays: nothing has changed, or the film does not show enough
     "correcting",  # θ changes
     "frozen",  # the user has frozen θ
     "no camera",  # the camera is missing, gives no more frames, or repeats one picture during the film

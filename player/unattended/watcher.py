@@ -21,7 +21,7 @@ from counterlight.unattended.watch_link import Answer, Message, packed
 REST_S, LONGEST_REST_S = 5.0, 60.0
 STEADY_S = 300.0  # a watcher that has run this long has recovered: the next pause is REST_S again
 SILENT_S = 60.0  # longest time between two answers, also while the watcher reads the room
-ENDING_S = 1.0  # shorter than the silence after which a supervisor takes a player for dead
+ENDING_S = 1.0  # seconds, less than the silence after which a supervisor takes a player for dead
 MOST_WAITING = 32 << 20  # bytes in the player that the watcher has not read: bursts of a 4K raster
 PIPE_BYTES = 1 << 20  # largest pipe that Linux gives without privileges
 MOST_LINE = 1 << 18  # most bytes of an answer

@@ -18,7 +18,7 @@ def flush(path: Path) -> None:
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(handle)
-    except OSError as error:  # the error does not contain the path
+    except OSError as error:  # the system's error does not contain the path
         if error.errno != errno.EINVAL or not path.is_dir():  # some file systems have no fsync for folders
             raise OSError(error.errno, error.strerror, str(path)) from None
     finally:

@@ -18,7 +18,8 @@ from tests.screens import one_screen
 # frames per second, and a room that two cores can draw at that rate
 RATES = {25: "256x192", 50: "96x72", 60: "96x72"}
 SIZES = (192, 256), (180, 320)  # sizes of media; they alternate, so that formats change
-SECONDS, ROUNDS, BAD = 4, 2, 2  # seconds per medium; media of each size; files without a picture before each medium
+# seconds per medium; number of media of each size; number of files without a picture before each medium
+SECONDS, ROUNDS, BAD = 4, 2, 2
 BUSY = "while True: pass"
 SCREEN = 1280, 1024
 REFRESH_MS = 1000 / 60

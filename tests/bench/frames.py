@@ -94,7 +94,7 @@ def refined() -> Iterator[str]:
 
 
 def frames() -> Iterator[str]:
-    """A real 720p clip through both backends. At the thesis' size, the numpy reference is measured, too."""
+    """A real 720p clip through both backends. At the thesis' size, the numpy reference is measured as well."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
         yield f"{context.info['GL_RENDERER']}; 720p H.264, 16 entries a pixel, milliseconds:"

@@ -26,7 +26,7 @@ from tests.test_graycode import SHARED, opencv_code, write_capture
 
 PROJECTOR, CAMERA = (768, 1024), (1024, 1280)
 FRAME, RATE, SECONDS = (720, 1280), 30, 6
-FEW, DRAWN = 60, 20  # frames at a slower rate, and frames drawn alone
+FEW, DRAWN = 60, 20  # FEW: frames at a slower rate; DRAWN: frames that are drawn alone
 SCREEN = 1280, 1024
 REAL = SHARED / "graycode-procam-kamino" / "capture_0"
 GOAL_MS = 5.0  # milliseconds to decode and upload a frame
@@ -77,7 +77,8 @@ def line(what: str, found: dict[str, Any], speed: float) -> str:
 
 def drawing_ms(room: Path, clip: Path) -> float:
     """Returns the processor time of all threads to draw a frame without refinement, which other load hardly changes."""
-    made = headless_renderer("auto", read_room(room, None, refinement=False))  # the same choice as for a window
+    # the same choice of the backend as for a window
+    made = headless_renderer("auto", read_room(room, None, refinement=False))
     with made as renderer, MediaReader.open(clip) as reader:
         renderer.open(reader.info.format)
         frame = reader.next_frame(PATIENCE_S)

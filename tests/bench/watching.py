@@ -85,7 +85,7 @@ def measure(stored: calibration.StoredCalibration, folder: Path, seconds: float)
     files = captures(stored.calibration, stored.folder, frames, factor)
     grids = [grid_means(frame) for frame in frames]
     (photographs := folder / "captures").mkdir()
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the player starts the watcher
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # the player sets this when it starts the watcher
     with watching(stored, f"folder:{photographs}", folder, factor=factor) as watched:
         begun_s, begin, answer = time.monotonic(), (0.0, 0.0, 0), Answer("starting")
         taken = 0

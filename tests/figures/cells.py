@@ -13,10 +13,10 @@ from typing import TypeAlias
 Cells: TypeAlias = dict[str, str]
 Reader: TypeAlias = Callable[[str], Cells]
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-UNITS, SHARE = 2.0, 0.05  # allowed change by rounding and by the order of float32 sums
+UNITS, SHARE = 2.0, 0.05  # allowed differences: rounding, and the order of float32 sums
 ROUNDING = 0.6  # units, for a number with an exponent, which states only its order of magnitude
-MOST_LABELS = 4  # largest number of first cells in a row's name
-SLOWER = 2.0  # factor; times differ by less on machines of one kind
+MOST_LABELS = 4  # in units of the last digit, for a number with an exponent, which states only its order of magnitude
+SLOWER = 2.0  # factor by which times may differ on machines of one kind
 SPENT = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?= m?s\b)")
 
 

@@ -112,7 +112,7 @@ def built_by_default(room: str, size: str, minutes: float) -> Figures:
             played=rf", {decibels} after the (\d+) that play makes from ([^;]*);",
             build=rf"built in {decibels} s;",
         ),
-        # the wall's reason is a time in minutes
+        # the reason in the room `wall` is a time in minutes
         times=lambda name: name == "build" or (name == "why" and room == "wall"),
     )
 

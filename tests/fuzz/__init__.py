@@ -1,4 +1,6 @@
-"""Campaigns against the product: random damage, hostile names, kills, full disks, floods; the same for the same seed.
+"""Campaigns against the product: random damage, hostile names, kills, full disks, floods.
+
+The same seed gives the same damage.
 
 `python -m tests.fuzz [CAMPAIGN …] --seed N` (or `make fuzz`) runs them and prints a line for each. A campaign of files
 draws files from random numbers and judges them in a process that may die (warden.py). The other campaigns run whole

@@ -1,4 +1,7 @@
-"""Commands that write, struck by faults: their outputs must be old or new, each complete, and clean after a rerun."""
+"""Commands that write, with injected faults: each output must be the whole old one or the whole new one.
+
+A rerun of the command must succeed, and leave nothing else.
+"""
 
 import re
 import shutil
@@ -16,7 +19,7 @@ from tests.writing_commands import COMMANDS, contents, furnish, is_whole, room_f
 
 MARK = ".counterlight-partial"  # part of the name of every writer's hidden folder
 SEQUENCE, CAPTURES = "f%02d.png", "made.captures"
-REPORT = "made.report/"  # its files contain measured seconds, so they differ between runs
+REPORT = "made.report/"  # the files of a report contain measured seconds, so they differ between runs
 KILLED, ASKED = -9, 130  # exit codes after kill -9, and after a request to end
 NO_END = -1000  # replaces an exit code: the process had to be killed
 Unit: TypeAlias = Mapping[str, bytes | None]
@@ -27,10 +30,10 @@ class Blow:
     """How a command is struck.
 
     words : text of a finding.
-    act : runs the command in a folder, and strikes.
-    ends : exit codes that are allowed then.
+    act : runs the command in a folder, and causes the fault.
+    ends : exit codes that are allowed after the fault.
     exchange : whether folders can be exchanged.
-    place : where the folder is furnished and the command run.
+    place : where the folder is filled and the command runs.
     resumed : whether the same command runs again afterwards, and must succeed.
     """
 
@@ -130,7 +133,7 @@ class Bench:
 
     def _resumed(self, command: str, out: Path, clean: Clean) -> tuple[str, str] | None:
         """Run the same command again, as a user would after a power failure."""
-        again = ["--force"] if (out / "made").exists() else []  # the first run had finished its work
+        again = ["--force"] if (out / "made").exists() else []  # the first run had finished, so that the output exists
         run = self.run(command, out, more=again)
         if run.code != 0:
             return CRASHED, f"the next run ended with {run.code}: {run.words}"
@@ -147,7 +150,7 @@ class Bench:
 
 
 def _struck(run: Run, blow: Blow, out: Path, before: Mapping[str, Unit], clean: Clean) -> tuple[str, str] | None:
-    """Return the fault that shows right after the blow (a mutant, a signal, a full disk), or None."""
+    """Return the finding right after the injected fault (a mutant, a signal, a full disk), or None."""
     if run.code == NO_END:
         return HUNG, run.words
     if run.code not in blow.ends or "Traceback" in run.words:

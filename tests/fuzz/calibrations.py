@@ -1,7 +1,7 @@
 """Damaged rooms: every file of a calibration with far light, its maps and a placement.
 
 A changed file with its old checksum must be refused. With a new checksum, as an attacker would write, the room may be
-read. Then it can be built, and its pictures are finite.
+read. A room that is read can be built, and its pictures are finite.
 """
 
 import shutil

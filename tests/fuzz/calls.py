@@ -1,4 +1,4 @@
-"""A program under system-call watch (strace): opened and written files, started programs, network addresses."""
+"""A program whose system calls are logged (strace): opened and written files, started programs, network addresses."""
 
 import os
 import re

@@ -1,7 +1,7 @@
-"""An evening in rounds of a minute: three people at the remote, a stream cut off, a monitor that comes and goes.
+"""An evening in rounds of a minute: three people use the remote, a stream is cut off, a monitor is unplugged.
 
 Each person sends a random command of the page per second. After each round, the settings return to those of a show.
-The picture must be there, moving, on its monitor, with heartbeats in time and memory unchanged.
+A moving picture must then be on its monitor, heartbeats must be in time, and memory must not have grown.
 """
 
 import time
@@ -34,7 +34,8 @@ SHOW: dict[str, object] = {
     **{"corners": None, "flicker": 0.0, "clipping": False, "budget": "no", "within": "no"},
     **{"monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
 }
-HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and properties without a kind to draw from
+# paths, and properties whose kind gives no random values
+HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}
 DARK = 20  # code value; the clip's pictures have brighter places
 
 
@@ -118,7 +119,7 @@ def _calm(process: Any, visitor: Visitor, media: list[str], display: str, heart:
     except AssertionError as error:
         return Trial(HUNG, f"not there within {PATIENCE_S:.0f} s: {error}")
     heart.look()
-    late = heart.longest_s > 3.0  # a second between beats, and two seconds late
+    late = heart.longest_s > 3.0  # allowed: a second between beats, plus a delay of two seconds
     return Trial(HUNG, f"{heart.longest_s:.1f} s between beats") if late else Trial(READ, f"{asked} commands")
 
 

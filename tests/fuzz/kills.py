@@ -6,12 +6,15 @@ from tests.faults import KILL, REFUSE, Fault, Runner
 from tests.fuzz.bench import KILLED, Bench, Blow
 from tests.fuzz.tally import Plan, Tally
 
-HOWS = (KILL, True), (KILL, False), (REFUSE, True)  # kind of strike, and whether folders can be exchanged
-ENDS = {KILL: (KILLED, 0), REFUSE: (0, 2)}  # 0: struck during its final cleanup
+HOWS = (KILL, True), (KILL, False), (REFUSE, True)  # kind of fault, and whether folders can be exchanged
+ENDS = {KILL: (KILLED, 0), REFUSE: (0, 2)}  # 0 occurs if the fault hits the final cleanup
 
 
 class Kills:
-    """Every step of every command is struck in three ways, in random order. Then the command runs again."""
+    """A fault is injected at every step of every command in three ways, in random order.
+
+    Then the command runs again.
+    """
 
     name, count = "kills", 60
     purpose = "commands killed or refused at a step of their writing"

@@ -1,6 +1,7 @@
-"""Hostile names in lists and over the socket, and films that name others, in a real show under a system-call watch.
+"""Hostile names in lists and over the socket, and films that name other files, in a real show with logged system calls.
 
-The show may open nothing outside the border. It may write, run, call or listen to nothing beyond a harmless show.
+The show may open nothing outside the border. It may write, run, call or listen to nothing that a harmless show does
+not.
 """
 
 import json
@@ -92,7 +93,7 @@ class WatchedShow:
     def trial(self, names: Sequence[Name], *, remote: bool) -> Trial:
         begun = time.monotonic()
         verdict, words = self._tried(names, remote=remote)
-        seconds = min(time.monotonic() - begun, 1.0)  # of a show whose pictures are shown for at most a second
+        seconds = min(time.monotonic() - begun, 1.0)  # in a show whose pictures are shown for at most a second
         if verdict in (CRASHED, HUNG):
             return Trial(verdict, words, seconds)
         broken = self._rules.broken_by(calls_of(self._log)) + sorted(self._bird.touched())

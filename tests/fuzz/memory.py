@@ -28,7 +28,7 @@ from tests.programs import descendants, wait_until
 from tests.remote import Client, show
 from tests.rooms import random_room, write_blurred_room
 
-MOST_GROWTH = 10 << 20  # bytes, however long the run is
+MOST_GROWTH = 10 << 20  # in bytes, however long the run is
 STEP, PER_ACT = (
     4 << 20,
     MOST_GROWTH / 1000,
@@ -95,7 +95,7 @@ class Reloads(_Growth):
 class Loadfiles(_Growth):
     name, count = "loadfiles", 100
     purpose = "another medium of another size; memory must stay flat"
-    per_act = 2 * PER_ACT  # the run has fewer actions, but the heap varies as much
+    per_act = 2 * PER_ACT  # the run has fewer actions, but the heap varies as much as in a longer run
 
     def act(self, client: Client, process: Any) -> Act:
         names = list(CLIPS)
@@ -115,7 +115,7 @@ class Settings(_Growth):
 
     def act(self, client: Client, process: Any) -> Act:
         rng = np.random.default_rng(3)
-        kept = HANDS_OFF | {"loop-file"}  # without these settings the show ends
+        kept = HANDS_OFF | {"loop-file"}  # with these settings changed, the show would end
         known = [each for each in client.get("property-info") if each["writable"] and each["name"] not in kept]
 
         def put() -> None:

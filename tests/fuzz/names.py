@@ -1,4 +1,4 @@
-"""Hostile names of media, and media that name others: every target that a list, a remote or a film may try to reach."""
+"""Hostile names of media, and media that name other files: all targets that lists, remotes and films may name."""
 
 import os
 import socket
@@ -194,7 +194,7 @@ def _target(ground: Ground, rng: np.random.Generator) -> str:
 
 
 def _twisted(text: str, rng: np.random.Generator) -> str:
-    """Return another spelling of a name, of a kind that filters overlook."""
+    """Return another spelling of a name, of a kind that filters often miss."""
     twists: tuple[Callable[[str], str], ...] = (
         str.upper,
         lambda t: t.replace("/", "//"),

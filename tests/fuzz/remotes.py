@@ -34,7 +34,8 @@ INTERVAL_S = 1.0
 PATIENCE_S = 60.0
 PAUSE_S = 0.03  # seconds between requests that wait for their answers
 FLOOD = 500  # lines that are sent without waiting for answers
-NOT_SAID = {"quit", "loop-playlist", "place-save"}  # not drawn: they would end the show or change the room
+# commands that are not drawn, because they would end the show or change the room
+NOT_SAID = {"quit", "loop-playlist", "place-save"}
 PLAYING = ("pause", False), ("speed", 1), ("blackout", False)  # settings that are reset, so that the show continues
 VALUES: tuple[object, ...] = (
     *(

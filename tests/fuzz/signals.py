@@ -73,7 +73,7 @@ def _command(bench: Bench, rng: np.random.Generator, index: int) -> Trial:
 
 
 def _signalled(program: Sequence[str], sent: signal.Signals, after_s: float, late_s: list[float], out: Path) -> Run:
-    """late_s : receives the seconds from the signal to the end."""
+    """Run a program, and send it a signal. late_s : receives the seconds from the signal to the end."""
     with tempfile.TemporaryFile("w+") as errors:
         process = _started(program, errors.fileno(), out.parent, {"PYTHONPATH": str(ROOT)})
         with suppress(subprocess.TimeoutExpired):

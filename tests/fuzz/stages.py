@@ -1,4 +1,4 @@
-"""Evenings of a supervised show under window managers, whose projector is watched: no desktop, decoration or text.
+"""Evenings of a supervised show under window managers: no desktop, decoration or text may reach the projector.
 
 A trial is an evening under one window manager, with EVENTS random events, each followed by both films. The notes
 report the projector's longest black after each kind of event, and the machine's load at the end.
@@ -37,7 +37,8 @@ from tests.programs import PATIENCE_S, children, descendants, is_running, on, ru
 from tests.remote import Client
 
 EVENTS = 12
-NOTICED_S = 2.0  # of closed hours, so that the supervisor sees them after its player has ended, and forgets crashes
+# duration of closed hours, so that the supervisor notices them after its player has ended, and forgets crashes
+NOTICED_S = 2.0
 DARK, BRIGHT = LEVELS
 
 

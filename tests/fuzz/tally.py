@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-READ, REFUSED = "read", "refused"  # both are correct: accepted, or refused in one line
+READ, REFUSED = "read", "refused"  # both verdicts are correct: accepted, or refused in one line
 CRASHED, HUNG, GREEDY, WRONG, LEFT = "crashed", "hung", "greedy", "silently wrong", "left behind"
 FAULTS = CRASHED, HUNG, GREEDY, WRONG, LEFT
 HANG_S = 5.0  # longest allowed time of a trial

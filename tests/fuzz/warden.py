@@ -1,4 +1,6 @@
-"""Files are judged in a separate process, which may crash, hang or use up memory. The warden notices and continues.
+"""Files are judged in a separate process, which may crash, hang or use up memory.
+
+The warden detects this and continues.
 
 python -m tests.fuzz.warden MODULE:CLASS FOLDER      a prisoner: reads trials from its input, a JSON line each
 """
@@ -51,7 +53,7 @@ class FileCampaign(ABC):
 
     @abstractmethod
     def open(self, folder: Path) -> None:
-        """Prepare to draw and judge, in any process."""
+        """Prepare for `draw` and `judge`; called in every process that runs one of them."""
 
     @abstractmethod
     def draw(self, rng: np.random.Generator) -> Case: ...

@@ -1,4 +1,4 @@
-"""The audience never sees a desktop: whole evenings under three window managers and none, watched from outside."""
+"""The audience never sees a desktop: whole evenings under three window managers, and without one."""
 
 import os
 import signal
@@ -66,7 +66,7 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
     ):
         with running(*verb("play"), room, *films, "--fullscreen", *SILENT, *how, **on(display)) as process:
             evening = Evening(process, audience)
-            evening.sees("black")  # outside its hours
+            evening.sees("black")  # outside the hours of the show
             change(hours, ALWAYS)
             evening.sees(DARK, BRIGHT, DARK)  # the show begins, then media change
 
@@ -79,10 +79,10 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
             first = evening.child(PLAYER)
             (decoder, *_) = descendants(first)
             os.kill(decoder, signal.SIGSEGV)
-            evening.sees(BRIGHT, DARK)  # the decoder has died
+            evening.sees(BRIGHT, DARK)  # after the death of the decoder
             with Client(control) as client:
                 assert client.ask("reload")["error"] == "success"
-            evening.sees(BRIGHT, DARK)  # the room was rebuilt
+            evening.sees(BRIGHT, DARK)  # after the room was rebuilt
 
             xrandr(display, "--output", "DUMMY1", "--off")
             evening.sees("")
@@ -90,7 +90,7 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
             evening.sees(BRIGHT, DARK)
 
             os.kill(first, signal.SIGSEGV)
-            evening.sees("black", BRIGHT)  # a crash
+            evening.sees("black", BRIGHT)  # after a crash
             last = second = evening.child(PLAYER, other_than=first)
             for pid in (second, *descendants(second)):
                 os.kill(pid, signal.SIGSTOP)
@@ -101,7 +101,7 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
             evening.sees("black")
             wait_until(lambda: not any(runs(pid, PLAYER) for pid in children(process.pid)), "the safe picture", process)
             process.send_signal(signal.SIGHUP)
-            evening.sees(BRIGHT, DARK)  # a new attempt
+            evening.sees(BRIGHT, DARK)  # after a new attempt
             process.terminate()
             assert process.wait(PATIENCE_S) == 130
         audience.leaves()
@@ -111,7 +111,7 @@ def test_the_audience_sees_black_or_the_picture(manager: str, room: Path, films:
 
 
 def test_a_window_manager_that_dies_and_another_that_begins(room: Path, films: list[Path], tmp_path: Path) -> None:
-    """GLFW would fail an assertion after the manager dies.
+    """GLFW would fail an assertion after the window manager dies.
 
     A new window that covers the projector is covered in turn.
     """
@@ -162,7 +162,7 @@ def test_full_screen_and_back_under_a_window_manager(room: Path, films: list[Pat
 
 def has_keyboard(display: str) -> bool:
     """Return whether a player's window has the keyboard."""
-    # no such window, or it has just closed
+    # there is no such window, or it has just closed
     with closing(Display(display)) as connection, suppress(AttributeError, BadWindow):
         return "Counterlight" in (connection.get_input_focus().focus.get_wm_class() or ())
     return False

@@ -44,7 +44,7 @@ def test_every_view_through_a_mixing_matches_the_reference(
 
 
 def test_one_matrix_for_the_room_changes_radiance_alone(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """In the global tier a frame costs the same: a video has bit-identical targets."""
+    """The global tier costs no time: the targets of a video stay bit-identical."""
     room = replace(physical_room(rng).room, white=0.9)
     room = replace(room, calibration=replace(room.calibration, ambient=0 * room.calibration.ambient))
     mixed = replace(room, maps=replace(room.maps, mixing=Mixing(CROSSTALK)))

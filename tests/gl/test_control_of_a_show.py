@@ -30,7 +30,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
         for name in commands:
             if name.startswith("place-"):
                 client.ask("place")
-            if name not in ("quit", "projector"):  # see test_projectors_are_switched
+            if name not in ("quit", "projector"):  # test_projectors_are_switched runs these commands
                 answer = client.ask(name, *arguments.get(name, []))
                 assert answer["error"] == "success", answer
                 assert name != "screenshot" or Path(folder, answer["data"]).stat().st_size > 100
@@ -39,7 +39,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
         assert all(found[name]["message"] == "no audio" for name in WITHOUT_SOUND)
         wanted = {"view": "camera", "contrast": 2, "osd": "off", "pause": True, "refine": 8, "placing": False}
         assert {name: found[name]["data"] for name in wanted} == wanted
-        assert len(found["playlist"]["data"]) == 1  # after playlist-clear
+        assert len(found["playlist"]["data"]) == 1  # the command playlist-clear has run
         for name, values in properties.items():
             error = client.ask("set_property", name, found[name].get("data", 50))["error"]
             refusal = "error running command" if name in WITHOUT_DEVICE else "success"
@@ -86,7 +86,7 @@ def test_a_remote_writes_screenshots_and_a_placement_and_nothing_else(
             ("reload", str(outside)),
         ):
             assert client.ask(*words)["error"] in ("invalid parameter", "error running command"), words
-        client.ask("set_property", "stats", True)  # the page named stats, not a file
+        client.ask("set_property", "stats", True)  # this sets the page named stats, not a file
         for words in (("screenshot",), ("place",), ("place-move", 0.01, 0), ("place-save",), ("reload",)):
             assert client.ask(*words)["error"] == "success"
         new = contents(folder)

@@ -69,7 +69,7 @@ def test_a_corrected_renderer_equals_the_renderer_of_a_room_that_is_so(
         if corrections:
             corrected = found
     for ours, expected in zip(corrected, found, strict=True):
-        np.testing.assert_allclose(ours, expected, atol=1e-4)  # as the moved pass (test_moved.py)
+        np.testing.assert_allclose(ours, expected, atol=1e-4)  # tolerance of the moved pass (test_moved.py)
 
 
 def pictures(renderer: AnyRenderer) -> np.ndarray:

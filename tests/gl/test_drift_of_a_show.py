@@ -35,7 +35,7 @@ def test_a_check_beside_a_show_is_taken_over(
         camera = ["--camera", f"simulated:{tmp_path / 'now'}", "--control", str(tmp_path / "show.socket")]
         assert verify_projection.main([str(room), *camera]) == 0
         after = expected_picture(room, noise_picture, tmp_path)
-        assert np.abs(after - before).max() > 20  # code values: the noise picture has moved
+        assert np.abs(after - before).max() > 20  # in code values: the noise picture has moved
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), after), "the corrected picture", process)
         assert client.get("pause") is False  # playback has resumed
         wait_until(lambda: known_drift() is not None, "a beat", process)
@@ -53,6 +53,6 @@ def test_a_show_looks_at_its_room_by_itself(xvfb: str, plain_room: Path, noise_p
     with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", *options) as (process, client):
         wait_until((room / "drift" / "drift.toml").exists, "a check", process)
         after = expected_picture(room, noise_picture, tmp_path)
-        assert np.abs(after - before).max() > 20  # code values: the noise picture has moved
+        assert np.abs(after - before).max() > 20  # in code values: the noise picture has moved
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), after), "the corrected picture", process)
         wait_until(lambda: client.get("pause") is False, "the show to go on", process)

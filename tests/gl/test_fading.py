@@ -77,7 +77,7 @@ def test_a_fade_asks_for_blended_light_before_it_is_compensated(rng: np.random.G
 
 
 def test_a_crossfade_gives_up_what_it_held(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """Media of one format alternate. The number of GL objects after many crossfades is as after the first."""
+    """Media of one format alternate. After many crossfades, there are as many GL objects as after the first."""
     frame = yuv_frame(rng, (9, 15))
     renderer = GlRenderer(gl_context, random_room(rng, far=False))
     counts = []

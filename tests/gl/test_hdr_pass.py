@@ -52,7 +52,7 @@ def test_the_gpu_sums_as_the_cpu_does(
         for count in (2, BATCH, BATCH + 1):  # the same object restarts
             times = 10 ** rng.uniform(-4, 1, count)
             codes = codes_with_ends(rng, (count, *shape), levels)
-            codes[:, 0, 0] = levels - 1  # a bound that must carry over from batch to batch
+            codes[:, 0, 0] = levels - 1  # a lower bound that must be kept from batch to batch
             codes[: count // 2, 0, 1] = 0
             codes[count // 2 :, 0, 1] = levels - 1
             expected = add_all(CpuSums(estimator, shape), estimator, codes, times)

@@ -1,4 +1,4 @@
-"""Three players on one machine, each in a window: a leader, and followers over wires that delay and lose."""
+"""Three players on one machine, each in a window: a leader, and followers over a slow and lossy network."""
 
 import socket
 import time

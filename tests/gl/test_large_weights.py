@@ -37,6 +37,6 @@ def test_large_cancelling_weights_stay_within_the_rows_l1_bound(
     products = weights.astype(np.float64) * smooth.reshape(-1, 3)[indices]
     exact = np.add.reduceat(products, indptr[:-1])
     l1 = np.add.reduceat(np.abs(products), indptr[:-1])
-    n = (lengths + 1)[:, None]  # each product rounds once as well
+    n = (lengths + 1)[:, None]  # each product is rounded once as well
     assert np.all(np.abs(shown - exact) <= n * UNIT_ROUNDOFF / (1 - n * UNIT_ROUNDOFF) * l1)
     assert np.abs(exact).max() < 0.01 * l1.max()  # the weights do cancel

@@ -36,7 +36,10 @@ def grown(pid: int, act: Callable[[], None]) -> int:
 
 
 def test_reloads_take_no_memory(xvfb: str, plain_room: Path, folder: Path) -> None:
-    """Maps take 23 MiB: keeping them in half of the reloads would show. `make fuzz` runs many reloads of small maps."""
+    """Maps take 23 MiB, so a leak in half of the reloads would be detected.
+
+    `make fuzz` runs many reloads of small maps.
+    """
     maps = sum(each.nbytes for each in read_room(plain_room, None).maps.named().values())
     with show(xvfb, folder, plain_room, "clip.mkv", "--loop") as (process, client):
 
@@ -49,7 +52,7 @@ def test_reloads_take_no_memory(xvfb: str, plain_room: Path, folder: Path) -> No
 
 
 def test_media_take_neither_memory_nor_anything_else(xvfb: str, small_room: Path, folder: Path) -> None:
-    """The media are so large that keeping one linear picture in half of them would show."""
+    """The media are so large that a leak of one linear picture in half of them would be detected."""
     picture = sum(height * width * 4 * 4 for height, width in SIZES) / len(SIZES)
     names = []
     for n, shape in enumerate(SIZES):

@@ -87,7 +87,7 @@ def test_a_remote_names_files_below_its_roots_and_nothing_else(xvfb: str, small_
         ):
             for how in ("replace", "append"):
                 assert client.ask("loadfile", name, how)["error"] == "error running command", name
-        for name in ("list.mp4", "list.hls"):  # only opening reveals the fault
+        for name in ("list.mp4", "list.hls"):  # only opening these files reveals the fault
             assert client.ask("loadfile", name)["error"] == "success"
             wait_until(told(client, f"{name}: "), "it is passed over", process)
         assert client.get("playlist") == ["clip.mkv"]

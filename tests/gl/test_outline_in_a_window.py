@@ -27,7 +27,7 @@ def test_the_outline_comes_and_goes(xvfb: str, plain_room: Path, noise_picture: 
         wait_until(plain, "the picture", process)
         for view in ("projector", "camera"):
             assert client.ask("place")["error"] == "success"
-            for _ in range(3):  # below the text
+            for _ in range(3):  # a region below the text
                 assert client.ask("place-corner")["error"] == "success"
             assert client.ask("set_property", "view", view)["error"] == "success"
             wait_until(handle, "the handle of the lower right corner", process)
@@ -46,7 +46,7 @@ def test_it_runs_through_the_windows_of_several_projectors(
     noise_picture: Path,
     tmp_path: Path,
 ) -> None:
-    """Only the first window has the text. The second window shows its part of the line."""
+    """Only the first window has the text. The second window shows only its part of the outline."""
     second = SIDE_BY_SIDE[1]
 
     def handles() -> bool:
@@ -55,7 +55,7 @@ def test_it_runs_through_the_windows_of_several_projectors(
     with show(xvfb, tmp_path, joint, noise_picture) as (process, client):
         client.ask("place")
         wait_until(handles, "handles in the second window", process)
-        client.ask("set_property", "view", "camera")  # complete in the first window
+        client.ask("set_property", "view", "camera")  # the first window shows the complete outline
         wait_until(lambda: screen(xvfb, second).max() == 0, "black in the second window", process)
         client.ask("set_property", "view", "projector")
         wait_until(handles, "handles in the second window again", process)

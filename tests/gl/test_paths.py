@@ -39,7 +39,7 @@ def combined(product: np.ndarray, base: np.ndarray, combine: str) -> np.ndarray:
 
 
 def test_there_are_compute_shaders_here(gl_context: moderngl.Context) -> None:
-    """Without compute shaders, the tests below prove nothing. Mesa has had them for years."""
+    """Fails without compute shaders, because the tests below would then check nothing. Mesa has had them for years."""
     assert supports_compute(gl_context)
 
 
@@ -127,7 +127,7 @@ def test_refined_drives_match_the_reference(
             found, expected = gl.certificate(), cpu.certificate()
             assert found is not None
             assert expected is not None
-            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # float32
+            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # rounding to float32
             assert gl.path.to_dict() == {"name": path, "entry_bytes": 16}
 
 
@@ -164,7 +164,7 @@ def test_auto_keeps_the_fastest(
     kept: str,
     measured: set[str],
 ) -> None:
-    """Measurements are real. For slow paths, a time far above any frame here is added.
+    """The measurements are real. For paths that must be slow, a time far above any frame's time is added.
 
     Words are measured once, on the path that is faster without words.
     """

@@ -33,7 +33,7 @@ from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_room, rgb_frame, yuv_frame
 from tests.screens_of_cameras import split_screen
 
-ATOL = 1e-5  # the required tolerance
+ATOL = 1e-5  # the tolerance that the product promises
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))
 PICTURES = {
     "brightness": Adjustments(brightness=23),
@@ -60,7 +60,7 @@ def scene(rng: np.random.Generator) -> Frame:
 def test_every_property_matches_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, name: str, far: bool
 ) -> None:
-    room = replace(physical_room(rng, far=far).room, white=0.9)  # more than many pixels can show
+    room = replace(physical_room(rng, far=far).room, white=0.9)  # brighter than many pixels can show
     frame = yuv_frame(rng, (9, 15), full_range=True)
     with both(gl_context, room, frame) as (gl, cpu):
         gl.render("camera", compensate=True)
@@ -110,7 +110,7 @@ def test_a_table_matches_the_reference(
 ) -> None:
     """Tables are switched on, off and replaced, also by another type.
 
-    Each is built on first use, and nothing is left.
+    Each table is built on first use, and no GL object is left.
     """
     domains = UNIT, ((-0.1, 0.0, 0.1), (1.1, 0.9, 1.0))
     cubes = [read_cube(write_cube(tmp_path / f"{n}.cube", rng, 5 + 12 * n, domains[n])) for n in range(2)]
@@ -189,7 +189,7 @@ def test_frames_in_a_row_match_the_reference(gl_context: moderngl.Context, rng: 
             for renderer in (gl, cpu):
                 renderer.render("projector", compensate=True, steps=index % 3)
             np.testing.assert_array_equal(gl.linear(), drives[-1])
-    assert np.abs(drives[2] - drives[1]).max() > 1e-2  # still adapting
+    assert np.abs(drives[2] - drives[1]).max() > 1e-2  # the adaptation is still changing
 
 
 def test_the_adaptation_of_a_large_view_matches_the_reference(

@@ -142,7 +142,7 @@ def test_every_documented_command_and_property(xvfb: str, small_room: Path, fold
     for name in commands():
         if name.startswith("place-"):
             calls.append(["run", "place"])
-        if name not in ("quit", "projector"):  # see test_projectors_are_switched
+        if name not in ("quit", "projector"):  # test_projectors_are_switched runs these commands
             calls.append(["run", name, *ARGUMENTS.get(name, [])])
     calls += [["run", "place"], ["run", "place-move", 0.1, 0], ["run", "place-save"]]
     names = [*properties().items()]

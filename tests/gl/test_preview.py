@@ -43,7 +43,7 @@ def marked(display: str) -> float:
 
 
 def press_until(display: str, key: str, reached: Callable[[], bool], process: subprocess.Popen[str]) -> int:
-    """Return how often a key was pressed. The window takes some frames to follow."""
+    """Return how often a key was pressed. The window takes some frames to show the effect."""
     deadline, count = time.monotonic() + PATIENCE_S, 0
     while not reached():
         assert process.poll() is None, process.communicate()
@@ -62,7 +62,7 @@ def test_what_clips_is_marked_the_exposure_follows_and_the_acquisition_begins(
         wait_until(lambda: screen(xvfb, preview_box(xvfb)).mean() > 30, "light in the preview", process)
         legend = marked(xvfb)  # the legend's swatch has the same colour
         up = press_until(xvfb, "plus", lambda: marked(xvfb) > legend + 0.2, process)
-        assert up >= 1  # the brightest pixel starts at 80 % of the range
+        assert up >= 1  # two keys would exceed the range: the brightest pixel starts at 80 % of it
         press_until(xvfb, "minus", lambda: marked(xvfb) <= legend, process)
         press(xvfb, "minus")
         press(xvfb, "space")

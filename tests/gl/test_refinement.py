@@ -21,7 +21,7 @@ from tests.refined_rooms import physical_room
 from tests.renderers import both, on_gpu, read
 from tests.rooms import CAMERA, random_room, rgb_frame
 
-ATOL = 1e-5  # the required tolerance
+ATOL = 1e-5  # the tolerance that the product promises
 SHAPE = (37, 21)
 
 
@@ -35,7 +35,7 @@ def test_combine_matches_the_reference(gl_context: moderngl.Context, rng: np.ran
         made = Combine(*inputs.values(), -0.75, clamp)
         result = on_gpu(gl_context, made, SHAPE)
         for expected in (formulas.combine(made.first, made.second, -0.75, clamp=clamp), CpuCanvas(SHAPE).draw(made)):
-            np.testing.assert_allclose(result, expected, atol=1e-6)  # float32
+            np.testing.assert_allclose(result, expected, atol=1e-6)  # rounding to float32
 
 
 def test_a_step_matches_the_reference(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
@@ -65,7 +65,7 @@ def test_the_gap_and_the_error_match_the_reference(gl_context: moderngl.Context,
     inputs = pictures(rng, "descent", "p")
     inputs["p"] = np.clip(inputs["p"], 0, 1)
     result = on_gpu(gl_context, Gap(**inputs), SHAPE)
-    np.testing.assert_allclose(result, CpuCanvas(SHAPE).draw(Gap(**inputs)), atol=1e-6)  # float32
+    np.testing.assert_allclose(result, CpuCanvas(SHAPE).draw(Gap(**inputs)), atol=1e-6)  # rounding to float32
     assert result.min() >= 0
     weighed = pictures(rng, "picture", "weights")
     for squared in (False, True):
@@ -149,9 +149,10 @@ def test_the_drive_matches_the_reference_after_any_steps(
             found, expected = gl.certificate(), cpu.certificate()
             assert found is not None
             assert expected is not None
-            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # float32
+            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # rounding to float32
             scale = expected.squared_error.sum()
-            np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * scale)  # g nearly cancels
+            # the parts of g nearly cancel
+            np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * scale)
 
 
 @pytest.mark.parametrize("steps", [0, 3])
@@ -193,7 +194,7 @@ def test_another_start_begins_with_the_next_frame(gl_context: moderngl.Context, 
 def test_frames_in_a_row_match_the_reference(
     gl_context: moderngl.Context, rng: np.random.Generator, start: str
 ) -> None:
-    """Two similar frames, a cut, a frame without refinement, and a frame after it."""
+    """Two similar frames, a cut, a frame without refinement, and another frame."""
     scene, other = (rng.integers(0, 255, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     darker = (scene * 0.95).astype(np.uint8)
     shown = [(scene, 3), (darker, 3), (darker, 3), (other, 3), (other, 0), (darker, 3)]

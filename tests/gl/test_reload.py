@@ -38,7 +38,7 @@ def playing_copy(xvfb: str, installed: Path, plain_room: Path, noise_picture: Pa
 
 @pytest.fixture
 def corrected(plain_room: Path, noise_picture: Path, tmp_path: Path) -> np.ndarray:
-    """Return what the projector shows with the shaders as they are."""
+    """Return what the projector shows with the unedited shaders."""
     return expected_picture(plain_room, noise_picture, tmp_path)
 
 
@@ -51,7 +51,7 @@ def client(xvfb: str, installed: Path, corrected: np.ndarray, playing_copy: subp
 
 
 def assert_shown_again(client: Client, display: str, corrected: np.ndarray, player: subprocess.Popen[str]) -> None:
-    """Wait until the picture is another one without compensation, and the corrected one with it."""
+    """Wait until the picture without compensation has changed, and the compensated picture is correct."""
     for compensation in (False, True):
         assert client.ask("set_property", "compensation", compensation)["error"] == "success"
         wait_until(lambda c=compensation: np.array_equal(screen(display, BOX), corrected) == c, "the picture", player)
@@ -85,7 +85,7 @@ def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
             assert complaint in answer["message"]
         else:
             assert answer["error"] == "success", answer
-        for compensation in (False, True):  # frames drawn from now on
+        for compensation in (False, True):  # both frames are drawn with the new shaders
             assert client.ask("set_property", "compensation", compensation)["error"] == "success"
         shows(wanted)
     playing_copy.terminate()

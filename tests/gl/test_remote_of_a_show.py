@@ -159,7 +159,7 @@ class SlowVisitor:
             for _ in range(200):
                 self._socket.send(frame)
         except BlockingIOError:
-            pass  # the server stops reading, as it should
+            pass  # the server stops reading, which is the required behaviour
 
     def close(self) -> None:
         self._socket.close()
@@ -313,7 +313,7 @@ def test_osc_commands_the_show_and_is_answered(xvfb: str, small_room: Path, fold
             desk.send(os.urandom(size % 200))
         desk.settimeout(0.2)
 
-        def path_is_told() -> bool:  # data beyond the system's buffer is lost, perhaps with this request
+        def path_is_told() -> bool:  # data beyond the system's buffer is lost, and this request may be among them
             send("/counterlight/get/path")
             try:
                 return answer() == ("/counterlight/path", ["clip.mkv"])

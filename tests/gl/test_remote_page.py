@@ -51,7 +51,7 @@ def test_a_show_is_seen_and_commanded(page: Page, visitor: Visitor, shared_show:
     assert page.ask(
         "[...document.querySelectorAll('#playlist button:not(.remove)')].map(each => each.textContent)"
     ) == ["clip.mkv"]
-    assert page.ask("document.querySelector('#preview').naturalWidth") == 40  # the camera's view
+    assert page.ask("document.querySelector('#preview').naturalWidth") == 40  # the page shows the camera's view
     page.click("[data-preview=screen]")
     page.wait("document.querySelector('#preview').naturalWidth === 36")
 

@@ -192,7 +192,8 @@ def test_stored_codes_become_the_light_that_the_standards_say(gl_context: modern
         for renderer in renderers:
             desired = renderer.desired()
             rows, columns = (np.array(desired.shape[:2]) * [[1], [3]] // [[4], [4]])[:, 0], [2, 8, 14]
-            np.testing.assert_allclose(desired[np.ix_(rows, columns)], light, atol=2e-6)  # table interpolation
+            # error of the table's interpolation
+            np.testing.assert_allclose(desired[np.ix_(rows, columns)], light, atol=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -326,7 +327,7 @@ def dense(packed: RowMap) -> np.ndarray:
 def test_a_step_that_does_not_compile_is_refused_with_its_room(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The refusal does not depend on the present view, because a key may turn compensation on later."""
+    """A medium is refused in every view, because a key may switch compensation on later."""
     original = shaders.read_source
     broken = "#version 330 core\nvoid main() { nothing }"
     monkeypatch.setattr(

@@ -102,7 +102,7 @@ def test_refined_drives_match_the_reference(
     np.testing.assert_allclose(drive, expected, atol=ATOL)
     assert certificate is not None
     assert on_cpu is not None
-    np.testing.assert_allclose(certificate.squared_error, on_cpu.squared_error, rtol=1e-4)  # float32
+    np.testing.assert_allclose(certificate.squared_error, on_cpu.squared_error, rtol=1e-4)  # rounding to float32
     np.testing.assert_allclose(certificate.gap, on_cpu.gap, rtol=1e-3, atol=1e-5)
     assert report.light_bytes is not None
     assert 4 <= report.light_bytes < 8

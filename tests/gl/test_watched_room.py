@@ -19,7 +19,8 @@ TOLERANCE_PX = 0.1  # required in issue 38; the changed room moves pixels as box
 
 @pytest.mark.parametrize(
     ("name", "near_px"),
-    [("plain_room", TOLERANCE_PX), ("joint", 0.2)],  # corners of the 36x26 pixels of its second projector vary by 0.1
+    # positions of corners on the second projector, of 36x26 pixels, vary by 0.1
+    [("plain_room", TOLERANCE_PX), ("joint", 0.2)],
 )
 def test_a_drift_is_found_in_the_film_and_corrected(
     xvfb: str, name: str, near_px: float, tmp_path: Path, request: pytest.FixtureRequest
@@ -43,7 +44,8 @@ def test_a_drift_is_found_in_the_film_and_corrected(
         assert client.get("watch-state")["state"] in ("correcting", "holding")
         assert client.ask("set_property", "watch-freeze", True)["error"] == "success"
         wait_until(lambda: client.get("watch-state")["state"] == "frozen", "the freeze", process)
-        told = [line for line in client.get("notices") if not line.startswith("not every frame")]  # of a busy machine
+        # notices that a busy machine causes
+        told = [line for line in client.get("notices") if not line.startswith("not every frame")]
         assert told == []
     assert any("correcting" in line or "holding" in line for line in report(tmp_path / "record"))
     assert list((tmp_path / "record").glob("*-blocks.png"))

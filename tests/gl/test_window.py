@@ -89,7 +89,7 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels_and_comes_back
 
     with playing(two_monitors, large_room, picture, "--fullscreen", "--monitor", "DUMMY1") as process:
         wait_until(fills, "the picture appears", process)
-        assert screen(two_monitors, FIRST_MONITOR).max() == 0  # the other monitor stays black
+        assert screen(two_monitors, FIRST_MONITOR).max() == 0  # the desk's monitor stays black
         press(two_monitors, "g")
         wait_until(lambda: screen(two_monitors, FIRST_MONITOR).max() > 200, "its name on the other one", process)
         press(two_monitors, "q")
@@ -126,7 +126,8 @@ def test_a_screen_of_ten_bits_gets_codes_of_ten_bits(large_room: Path, tmp_path:
 
         def exact() -> bool:
             wrong = np.abs(fine_screen(display, box) - expected)
-            return bool(wrong.max() <= 1 and np.mean(wrong > 0) < 1e-4)  # rounding: a threshold within 1e-6 of the code
+            # a dither threshold within 1e-6 of a code may round differently
+            return bool(wrong.max() <= 1 and np.mean(wrong > 0) < 1e-4)
 
         with playing(display, large_room, tmp_path / "ramp.exr", "--dither", "none") as process:
             wait_until(exact, "the ramp", process)
@@ -180,7 +181,7 @@ def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, 
 def test_a_window_without_a_gpu_is_drawn_by_the_processor(
     xvfb: str, room: Path, picture: Path, tmp_path: Path, gl_context: moderngl.Context
 ) -> None:
-    """A view of another size has its own picture. The shows of other tests request OpenGL, or nothing."""
+    """A view of another size has its own picture. Shows of other tests request OpenGL, or do not select a backend."""
     stats = tmp_path / "stats.json"
     options = "--view", "camera", "--stats", stats, "--image-display-duration", "0.1"
     done = command("play", room, picture, *options, **on(xvfb))
@@ -189,7 +190,7 @@ def test_a_window_without_a_gpu_is_drawn_by_the_processor(
 
 
 def path_of(stats: Path) -> str:
-    """Return what has drawn a show: the processor ("cpu"), or the path of a GPU."""
+    """Return the backend that has drawn a show: the processor ("cpu"), or the path of a GPU."""
     return str(json.loads(stats.read_text())["gpu_path"]["name"])
 
 
@@ -198,8 +199,9 @@ def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, film: Path, 
     done = command("play", room, film, "--backend", "gl", "--stats", stats, "--start", "4", **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
-    assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
-    chosen = numbers["gpu_path"]  # both paths were measured, on OpenGL 4.3, and words on the faster path
+    # the film lasts 5.28 s at 25 frames per second, and starts at 4 s
+    assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)
+    chosen = numbers["gpu_path"]  # the shaders were measured, on OpenGL 4.3, and words with the faster shader
     measured = {key: value for key, value in chosen.items() if key.endswith("_ms")}
     assert {"fragment_ms", "compute_ms"} < measured.keys()
     assert chosen[f"{chosen['name']}_ms"] == min(measured.values()) > 0
@@ -213,7 +215,7 @@ def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path
                 os.kill(decoder, signal.SIGSEGV)
             before = screen(xvfb, WINDOW)  # the screen still shows the last test's picture
             wait_until(lambda b=before: not np.array_equal(screen(xvfb, WINDOW), b), "the film goes on", process)
-            time.sleep(0.5)  # frames decoded before the crash have been shown
+            time.sleep(0.5)  # wait until frames that were decoded before the crash have been shown
         press(xvfb, "q")
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0

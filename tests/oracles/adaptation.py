@@ -11,11 +11,11 @@ FloatArray = NDArray[np.floating]
 def clip_sums(
     u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float, offset: float | None
 ) -> FloatArray:
-    """Return how much more light clips than the budget allows, for 16 candidates.
+    """Return how much more light is clipped than the budget allows, for 16 candidates.
 
     u : (camera height, camera width, 3). The target in shares of white.
     near : (camera height, camera width, 3). u − F u.
-    budget : share of A that may clip.
+    budget : share of A that may be clipped.
     offset : o, for which all scales are tried. None tries the offsets with s = 1 − o, and counts only light below 0.
 
     Returns (16,), summed over the samples.
@@ -35,7 +35,7 @@ def clip_sums(
 
 
 def tone_of(u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float) -> NDArray[np.float64]:
-    """Return (s, o) for one picture."""
+    """Return the scale s and the offset o that adapt one picture to the room."""
     sums = clip_sums(u, near, limits, white, budget / 2, None)
     offset = choose(OFFSETS, sums, len(OFFSETS) - 1)
     sums = clip_sums(u, near, limits, white, budget, offset)

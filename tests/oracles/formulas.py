@@ -178,7 +178,7 @@ def desired_light(
     With u = k + (1 − k) unit · picture.
 
     unit : share of white that a picture's 1 stands for.
-    black_level : k, share of white that black asks for.
+    black_level : k, share of white that black stands for.
     full : T·1. Limits each pixel to its own range; otherwise its neighbours would brighten, and could not help.
     clamp : limit the result to 0..1, for a picture that is sent to the projector.
     row_red, row_green, row_blue : rows of a matrix per pixel, applied to b.

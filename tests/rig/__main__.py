@@ -1,6 +1,6 @@
 """python -m tests.rig: quality of the product in rooms that its own simulator did not make.
 
-Each room is acquired, built and shown by the documented commands; an independent simulated camera judges. All of it
+Each room is acquired, built and shown by the documented commands, and judged by an independent camera. All of it
 is simulated: see docs/rig.md for what the columns mean.
 """
 
@@ -40,7 +40,7 @@ def main() -> None:
     faults = [FAULTS[name] for name in names]
     start = time.monotonic()
     with ExitStack() as opened, ThreadPoolExecutor(os.cpu_count()) as pool:
-        opened.enter_context(threadpool_limits(limits=1))  # the trials go side by side
+        opened.enter_context(threadpool_limits(limits=1))  # the trials run in parallel
         folder = options.keep or Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="rig-")))
         for needed in (options.pictures, options.out and options.out.parent):
             if needed:
@@ -116,8 +116,8 @@ def _parser() -> argparse.ArgumentParser:
         "--coverage", action="store_true", help="count captured pixels inside the 90 %% interval instead"
     )
     parser.add_argument("--live", action="store_true", help="watch a playing window in real time (docs/watch.md)")
-    parser.add_argument("--event", nargs="+", choices=EVENTS, default=["drift"], help="for --live (default drift)")
-    parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="for --live (default clip)")
+    parser.add_argument("--event", nargs="+", choices=EVENTS, default=["drift"], help="event of --live (default drift)")
+    parser.add_argument("--film", nargs="+", choices=FILMS, default=["clip"], help="film of --live (default clip)")
     parser.add_argument("--warm", type=float, default=30.0, metavar="S", help="seconds of film before the event (30)")
     parser.add_argument(
         "--after", type=lambda text: [float(word) for word in text.split(",")], metavar="S,S…",

@@ -1,9 +1,9 @@
 """The target that a picture sets in a room, pixel by pixel.
 
-A picture x is stated in the projector's primaries, as on a white screen. The picture wants white · M₀ x at a camera
-pixel, and darkness where no picture stands. M₀ is what the camera sees of the primaries there. The target is as much of
-white · M₀ x as the pixel can show by itself, by some drive of the three floodlights. Beyond the calibrated view, the
-target is a range: from darkness to the light of the uncompensated picture there. No mask is read.
+A picture x is stated in the projector's primaries, as on a white screen. The picture's target is white · M₀ x at a
+camera pixel, and darkness where no picture stands. M₀ is what the camera sees of the primaries there. The target is as
+much of white · M₀ x as the pixel can show by itself, by some drive of the three floodlights. Beyond the calibrated
+view, the target is a range: from darkness to the light of the uncompensated picture there. No mask is read.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ from tests.rig.view import View
 BoolArray = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 
-LIT = 0.01  # share of the 99th percentile of direct light
+LIT = 0.01  # light of a lit pixel, as a share of the 99th percentile of direct light
 GLIMMER = 0.001  # share of the 99th percentile of all light; brighter pixels measure light outside the picture
 BRIGHT = 99.0
 NEARBY = 8  # audience's pixels per side: tolerance for the position of the uncompensated picture's light
-PIXEL_STEPS = 100  # steps for three unknowns per pixel
+PIXEL_STEPS = 100  # number of steps for the three unknowns of a pixel
 
 
 @dataclass(frozen=True)

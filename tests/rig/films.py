@@ -56,7 +56,7 @@ def static(size: Size) -> Film:
 
 
 def dark(size: Size) -> Film:
-    """A scene that moves slowly, at a twentieth of the light."""
+    """A scene that moves slowly, at a twentieth of the usual light."""
     frames = [_moved(_scene(size, 1), size, index / 4) for index in range(SECONDS * RATE)]
     return Film("dark", np.stack([np.rint(0.26 * each).astype(np.uint8) for each in frames]))
 

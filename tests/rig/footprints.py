@@ -17,7 +17,7 @@ from tests.rig.rays import FloatArray, Pinhole, Rectangle
 
 LENS = 0.3  # σ of a focused lens, projector pixels
 CUT = 3.0
-CHUNK = 1 << 18  # hits per chunk
+CHUNK = 1 << 18  # number of hits per chunk
 VIGNETTING = 0.15  # loss of flux, at half the raster's width from the axis
 
 
@@ -100,7 +100,7 @@ def direct_hits(
         ray = start - at
         squared = np.sum(ray**2, axis=1)
         cosine = np.abs(np.sum(ray * normal, axis=1)) / np.sqrt(squared)
-        # the lens' middle is used here: only the ray's direction counts
+        # the middle of the lens represents all its points, because only the ray's direction counts
         leaving = projector.pixels(local - (right, down, 0))
         irradiance = flux(projector, uv) * cosine / (squared * projector.solid_angle(leaving)) / aperture.points
         dark = np.zeros(len(at), np.bool_)

@@ -13,7 +13,7 @@ from tests.rig.rays import FloatArray
 from tests.rig.rig import Rig
 
 BLUR = 2.0  # σ of the blur of `Figures.smooth`, camera pixels
-BORDER = 4  # camera pixels
+BORDER = 4  # width of the border, in camera pixels
 BLOCK = 8  # audience's pixels per side, for flares
 SRGB_WHITE = 0.9505, 1.0, 1.089
 
@@ -66,7 +66,7 @@ class Judge:
         asked, seen = question.near, self.rig.seen(codes)
         error, within = asked.error(seen), _within(asked.counted, self.rig.camera)
         beyond = question.wide.error(self.rig.seen_by_audience(codes))[question.beyond]
-        lit, share = error[asked.counted], 1 / FINE**2  # share of a calibrated pixel that an audience's pixel covers
+        lit, share = error[asked.counted], 1 / FINE**2  # an audience's pixel covers this share of a calibrated pixel
         everywhere = np.concatenate([lit, beyond])
         weights = np.repeat([1, share], [len(lit), len(beyond)])
         smooth = _blurred(error, asked.counted, self.rig.camera)

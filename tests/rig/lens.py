@@ -14,7 +14,7 @@ from tests.rig.rays import FloatArray
 Pairs = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 REACH = 96 / 1024  # reach of the halo, as a share of the raster's width
-SIGMAS = 2.0  # standard deviations within REACH
+SIGMAS = 2.0  # REACH in standard deviations of the halo
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Lens:
 
     shifts : of red, green and blue, projector pixels right and down.
     scales : of red, green and blue.
-    halo : h, share of a pixel's light. Next to a large white area, the surroundings rise by h/2 of white.
+    halo : h, share of a pixel's light. Next to a large white area, the surroundings become brighter by h/2 of white.
     """
 
     shifts: Pairs = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))

@@ -1,8 +1,8 @@
 """The product next to a rig in real time: a player's window is watched by a camera with its own clock (docs/watch.md).
 
 The camera reads the pixels that the X server shows, and exposes them in the rig's room, which changes meanwhile. Its
-captures are files that the watcher reads as soon as they appear. The judge looks at the same pixels. What `verify`
-would reach is found after the show, in the state that the room had at each judged moment.
+captures are files that the watcher reads as soon as they appear. The judge looks at the same pixels. The picture that
+`verify` would give is computed after the show, for the state of the room at each judged moment.
 """
 
 import threading
@@ -214,7 +214,7 @@ def live(
     after_s: Sequence[float],
     camera: WatchCamera,
 ) -> Show:
-    """Play a film in a room, let something happen after `warm_s`, and look at the screen at times after that."""
+    """Play a film in a room, let an event happen after `warm_s`, and read the screen at times after the event."""
     event, made = EVENTS[event_name], ROOMS[room](scale)
     rig = Rig(made, FAULTS["known"].devices)
     place = folder / f"{room}-{scale:g}"

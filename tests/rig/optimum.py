@@ -1,6 +1,6 @@
 """The best drive of the rig's projector by the true T: the least ½ Σ r² over counted pixels, darkest ≤ p ≤ 1.
 
-The error of a pixel is r = T p − b, with b the light wanted there. The method is accelerated projected gradient (Beck
+The error of a pixel is r = T p − b, with b the target there. The method is accelerated projected gradient (Beck
 and Teboulle 2009) with restarts (O'Donoghue and Candès 2015). With g the gradient at p, no picture is better by more
 than G = Σ max(g (p − low), g (p − high)). This certificate ends the iteration.
 """

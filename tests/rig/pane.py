@@ -14,7 +14,7 @@ from tests.rig.footprints import Hits, flux
 from tests.rig.rays import FloatArray, Pinhole, Rectangle
 
 MESH = 4  # corners per side of a projector pixel
-MARGIN = 6  # projector pixels beyond the raster
+MARGIN = 6  # margin of projector pixels beyond the raster
 NEWTON = 4
 
 

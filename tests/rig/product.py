@@ -21,7 +21,7 @@ WAIT_S, POLL_S = 300, 0.05
 WHITE = re.compile(r"white is a camera radiance of ([\d.e+-]+)")
 
 
-# of one check with a picture, by the product's interval
+# counts of one check with a picture, by the product's interval
 COVERED = re.compile(
     r"(?P<inside>[\d.]+) % of the captured values are inside .*\(dark (?P<dark>[\d.]+), middle (?P<middle>[\d.]+), "
     r"bright (?P<bright>[\d.]+) %\), whose mean width is (?P<width>[\d.]+) % .* would need (?P<constant>[\d.]+) %"
@@ -64,7 +64,7 @@ def covered(rig: Rig, folder: Path, picture: Path, *options: object, seed: int) 
 
 
 def expected_decibels(said: str) -> float:
-    """Returns the quality on the wall that an acquisition expects, from its output."""
+    """Returns the quality on the wall that an acquisition predicts, from its output."""
     found = EXPECTED.search(said)
     assert found, said
     return float(found[1])

@@ -53,7 +53,7 @@ class Rig:
         self.exposure = exposure if exposure is not None else self._set_exposure()
 
     def after(self, devices: Devices) -> "Rig":
-        """Returns the same rig with devices that have changed meanwhile."""
+        """Returns the same rig with changed devices."""
         return Rig(self.room, devices, self.exposure)
 
     @property

@@ -56,7 +56,7 @@ class Truth:
 
     @cached_property
     def emission(self) -> Emission:
-        """H."""
+        """H, the halo of the lens."""
         return Emission(self.lens, self.room.raster)
 
     @property
@@ -145,7 +145,7 @@ class View:
     def transport(self) -> "Transport":
         """Returns T as matrices, for many products."""
         mixing = self._truth.mixing
-        channels = mixing.transpose(1, 2, 0).astype(np.float32)  # each (primary, pigments)
+        channels = mixing.transpose(1, 2, 0).astype(np.float32)  # each of the nine has the shape (primary, pigments)
         blocks = [
             [self._weighted(self._paint @ primary) @ W for primary, W in zip(channel, self._truth.direct, strict=True)]
             for channel in channels
@@ -164,7 +164,7 @@ class View:
         far = self._truth.indirect
         if far is None:
             return None
-        used = np.flatnonzero(self._paint.any(axis=0))  # pigments
+        used = np.flatnonzero(self._paint.any(axis=0))  # pigments in use
         spread = [self._weighted(self._paint[:, pigment]) @ far.scatter for pigment in used]
         patches = far.mix.shape[-1]
         mix = far.mix[used].transpose(1, 0, 3, 2, 4).reshape(3 * len(used) * patches, 3 * patches)

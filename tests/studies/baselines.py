@@ -26,7 +26,7 @@ ALL_PAIRS = Threshold(6.0)
 class PixelByPixelScheme:
     """Every projector pixel alone, T column by column (thesis 3.4.2).
 
-    Every pair of a camera and a projector pixel may mistake noise for light, hence the higher threshold.
+    In every pair of camera and projector pixel, noise may look like light; the threshold is therefore higher.
     """
 
     threshold: Threshold = ALL_PAIRS

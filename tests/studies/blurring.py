@@ -71,7 +71,7 @@ def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
 
 
 def widest() -> range:
-    """Returns the columns of the square where blur is widest, judged by some of its lines."""
+    """Returns the columns of the square with the widest blur, which is estimated from some lines."""
     lines = [rows_of(range(y, y + 1), range(SIZE[1]), 0).lengths for y in range(TOP, TOP + blurring.SIDE, SAMPLED)]
     sums = np.concatenate([[0], np.cumsum(np.sum(lines, axis=0))])
     left = int((sums[blurring.SIDE :] - sums[: -blurring.SIDE]).argmax())

@@ -100,7 +100,7 @@ def show(renderer: GlRenderer, frames: Iterator[Frame], adjustments: Adjustments
 
 
 class Limits:
-    """The light that clips, defined as in pipeline/content.py, over all pixels and by other code than the player's."""
+    """The clipped light, defined as in pipeline/content.py, over all pixels and by other code than the player's."""
 
     def __init__(self, room: Room) -> None:
         self._cpu = CpuRenderer(room)

@@ -1,7 +1,7 @@
 """Faults of real devices in a simulated room, one by one and together: python -m tests.studies.faults.
 
 Each fault is added to the scene `corner`, in a small size. The columns are the price that `simulate --explain` states,
-the captures of an acquisition that takes each picture once and does not know the fault, and T's error. The error is up
+the captures of an acquisition that takes each picture once and ignores the fault, and T's error. The error is up
 to the exposure, which a camera's curve leaves unknown. Prints docs/tables/faults.md.
 """
 

@@ -27,7 +27,7 @@ ROOMS = {
 }
 CAMERA, PROJECTOR = "240x180", "192x144"
 WIDE, WIDE_PROJECTOR = "960x540", "768x432"  # sizes for the clip
-SHOWN_AT_S, FRAMES, SKIPPED, SHOWN_MS = 2.0, 44, 3, 120  # every third frame of 25 per second
+SHOWN_AT_S, FRAMES, SKIPPED, SHOWN_MS = 2.0, 44, 3, 120  # every third frame of a clip of 25 per second is shown
 GAP, LABEL, INK, WHITE = 8, 26, 40, 0xFFFFFF
 Picture = NDArray[np.uint8]
 

@@ -160,7 +160,7 @@ FAR_LIGHT = {  # row of the page's last table -> method
 
 
 def far_light_table(found: list[Figures]) -> str:
-    """Returns error and amplification for the case where the far light of a drive that is not shown is undone."""
+    """Returns error and amplification if the subtracted far light belongs to a drive that is not shown."""
     by_method = {figures.method: figures for figures in found if figures.case == FAR_LIGHT_CASE}
     cells = {name: _cell(by_method[method]).split(" / ") for name, method in FAR_LIGHT.items()}
     lines = [f"| {name} | {' | '.join(both)} |" for name, both in cells.items()]

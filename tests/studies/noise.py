@@ -70,8 +70,20 @@ def error_of(found: Transport, rig: Rig) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.noise", description=__doc__)
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="try these rooms (default all)")
-    parser.add_argument("--scheme", nargs="+", choices=SCHEMES, default=["hierarchical"], help="default hierarchical")
-    parser.add_argument("--electrons", nargs="+", type=float, default=[20000.0, 2000.0], help="default 20000 2000")
+    parser.add_argument(
+        "--scheme",
+        nargs="+",
+        choices=SCHEMES,
+        default=["hierarchical"],
+        help="scheme that acquires (default hierarchical)",
+    )
+    parser.add_argument(
+        "--electrons",
+        nargs="+",
+        type=float,
+        default=[20000.0, 2000.0],
+        help="electrons of a full pixel (default 20000 2000)",
+    )
     parser.add_argument(
         "--scale", type=float, default=0.5, help="scale: 1 has a camera of 160x120, a projector of 96x72"
     )

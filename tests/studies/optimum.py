@@ -90,7 +90,9 @@ def _size(shape: tuple[int, int]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser("python -m tests.studies.optimum", description=__doc__)
-    parser.add_argument("--random", type=int, default=RANDOM, metavar="N", help=f"random rooms (default {RANDOM})")
+    parser.add_argument(
+        "--random", type=int, default=RANDOM, metavar="N", help=f"number of random rooms (default {RANDOM})"
+    )
     count = parser.parse_args().random
     columns = ("room", *WAYS, *LOSSES)
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")

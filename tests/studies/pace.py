@@ -75,7 +75,9 @@ def acquire(room: Path, folder: Path, options: Sequence[str]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.pace", description=__doc__)
-    parser.add_argument("--scene", nargs="+", choices=shipped_scenes(), default=["corner"], help="default: corner")
+    parser.add_argument(
+        "--scene", nargs="+", choices=shipped_scenes(), default=["corner"], help="scenes to acquire (default: corner)"
+    )
     options, others = parser.parse_known_args()
     for scene in options.scene:
         print(f"\n{scene}")

@@ -48,10 +48,21 @@ def captured(rig: Rig, folder: Path, *options: str) -> tuple[int, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.studies.pictures_first", description=__doc__)
-    parser.add_argument("counts", nargs="*", type=int, default=list(COUNTS), metavar="N", help="default 9 16 48 128")
-    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="rooms (default all)")
-    parser.add_argument("--fault", nargs="+", choices=FAULTS, default=["known", "home"], help="default known home")
-    parser.add_argument("--scheme", nargs="*", default=list(SCHEMES), help=f"schemes (default {' '.join(SCHEMES)})")
+    parser.add_argument(
+        "counts",
+        nargs="*",
+        type=int,
+        default=list(COUNTS),
+        metavar="N",
+        help="numbers of pictures (default 9 16 48 128)",
+    )
+    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="rooms to try (default all)")
+    parser.add_argument(
+        "--fault", nargs="+", choices=FAULTS, default=["known", "home"], help="kinds of devices (default known home)"
+    )
+    parser.add_argument(
+        "--scheme", nargs="*", default=list(SCHEMES), help=f"schemes to compare (default {' '.join(SCHEMES)})"
+    )
     parser.add_argument(
         "--scale", type=float, default=1.0, help="scale: 1 has a camera of 160x120, a projector of 96x72"
     )

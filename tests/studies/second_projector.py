@@ -33,7 +33,7 @@ STEPS = 400
 WIDTH = 192  # width of each room in the picture
 # positions of the second projector
 BUST_SIDE, WALL_SIDE, COAT_SIDE = "[-0.6, 0.45, 2.1]", "[-0.5, 0.2, 2.1]", "[-1.4, 0.0, 2.2]"
-GREY = 0.5  # share of white
+GREY = 0.5  # as a share of white
 COATED = """
 [projector]
 width = 72

@@ -51,7 +51,7 @@ COUNT = 22  # viewpoints along the line
 SETS = {1: [10], 2: [0, 21], 4: [0, 7, 14, 21], 8: [0, 3, 6, 9, 12, 15, 18, 21]}
 SEEN = range(1, COUNT, 2)
 TO_THE_END, PLAYED = 256, 8  # steps of refinement: to convergence, and as played
-WHITE_ERROR = 60  # code values; an error that is drawn white
+WHITE_ERROR = 60  # error, in code values, that is drawn white
 ROUGH = "gloss = { reflectance = 0.06, roughness = 0.35 }"
 
 
@@ -208,12 +208,12 @@ def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
     weights, rows, columns = (np.concatenate(each) for each in zip(*entries, strict=True))
     R = sparse.csr_array((weights, (rows, columns)), (height * width, counts.size))
     total = np.asarray(R.sum(axis=1)).ravel()
-    known = total > 0.05  # share of a pixel; below it no camera pixel looks there
+    known = total > 0.05  # smallest share of a pixel; with less, no camera pixel looks there
     return Csr(sparse.diags_array(np.divide(1, total, out=np.zeros_like(total), where=known)) @ R), known.astype(float)
 
 
 def own_screen(line: Line, views: Sequence[int]) -> list[tuple[Calibration, Transport]]:
-    """Returns the views as `join --at` places them, by T alone; the screen is the first view, as for the truth."""
+    """Returns the views as `join --at` places them, from T alone. The screen is the first view."""
     rooms, transports = zip(
         *((replace(line.at(view).room, screen=None), line.at(view).transport) for view in views), strict=True
     )
@@ -298,7 +298,7 @@ def errors(name: str) -> None:
 
 
 def picture(name: str, file: Path) -> None:
-    """Write errors of lit pixels midway between two views: nearest view, drives blended, solved between, the best."""
+    """Draw errors midway between two views: nearest view, blended drives, drive solved there, best drive."""
     with TemporaryDirectory() as folder:
         line = Line(SUBJECTS[name], Path(folder))
     views, seen = SETS[2], line.at(COUNT // 2)

@@ -1,7 +1,7 @@
 """python -m tests.studies.watching: what the watcher finds during films in a rig's room, in compressed time.
 
 The room is acquired by the documented command. The films are compensated pictures: frames of the shipped clip and
-photographs. The judge compares the last seconds, inside the border, with the light that the film asks for.
+photographs. The last seconds, inside the border, are compared with the film's target.
 """
 
 import argparse

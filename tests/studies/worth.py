@@ -125,7 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("python -m tests.studies.worth", description=__doc__)
     parser.add_argument("--within", type=float, default=0.1, metavar="DB")
     parser.add_argument("--width", type=int, default=160, help="width of the cameras; projectors are scaled, too")
-    parser.add_argument("--scenes", nargs="*", default=[], help="shipped scenes (default all)")
+    parser.add_argument("--scenes", nargs="*", default=[], help="shipped scenes to simulate (default all)")
     parser.add_argument("--rooms", type=int, default=6, help="number of random rooms (default 6)")
     parser.add_argument("--seed", type=int, default=0)
     return parser

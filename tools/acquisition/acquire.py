@@ -62,8 +62,9 @@ from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, me
 from counterlight.tools.acquisition.recording import Part, Recorder, Store, StoredCaptures
 from counterlight.tools.acquisition.wander import Wander, wander_of
 
-MOST_SATURATED = 0.02  # share of the camera's pixels
-LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise; least rise in multiples of the noise
+MOST_SATURATED = 0.02  # largest share of the camera's pixels that may be saturated
+# least share of the camera's pixels that must rise; least rise in multiples of the noise
+LEAST_LIT, LEAST_RISE = 0.001, 10
 EXPLAINED = 0.5  # a white segment must reduce the unexplained error of the coloured check to at most this share
 LESS = 0.8  # same share for colour processing, whose error includes the gains of a camera without a border
 DEFAULT_AIM = Aim()

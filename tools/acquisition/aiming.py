@@ -11,11 +11,11 @@ from counterlight.tools.acquisition.cameras.camera import Shot
 
 BRIGHTEST = 99.9  # percentile; ignores a few hot pixels and highlights
 SAMPLED = 1 << 20  # values in the sample for a percentile
-MIDDLE = 512  # camera pixels; side of the square in which focus is judged
+MIDDLE = 512  # side of the square in which focus is judged, in camera pixels
 # LIT: share of the brightest rise; NOISES: multiple of the noise. A pixel above both counts as lit.
 LIT, NOISES = 0.1, 4
-SPECK = 5  # pixels; side of the median filter
-LEAST_LIT = 0.001  # share of the camera's pixels
+SPECK = 5  # side of the median filter, in pixels
+LEAST_LIT = 0.001  # least share of the camera's pixels that must be lit
 # share of the fullest row or column of lit pixels; emptier ones hold only reflections next to the picture
 EDGE_SHARE = 0.1
 # least margin as a share of the view's sides, least filled share of its area (docs/first-rig.md)

@@ -19,10 +19,10 @@ BLOCK, HIGH = 8, 10
 GONE, MORE_GONE = 1.0, 0.3
 # squared deviation from the neighbours' mean, on the colour grid relative to off the grid; at least 0.66 for 4:4:4
 HALVED = 0.6
-OVERSHOOT = 0.04  # share of the range
+OVERSHOOT = 0.04  # least overshoot of an edge, as a share of the range
 OVERSHOT, JPEG_OVERSHOT = 0.005, 0.16  # share of the pixels that edges cross; JPEG of quality 75 has up to 0.13
-EDGE = 0.2  # share of the range
-SHARED = 0.4  # correlation of the noise of neighbours
+EDGE = 0.2  # least change of the pattern that counts as an edge, as a share of the range
+SHARED = 0.4  # correlation of the noise of neighbours, from which on noise counts as shared
 STEPS = 0.5  # in code values; smaller noise is rounding
 
 

@@ -21,7 +21,7 @@ SURROUNDINGS = 4.0  # σ in camera pixels of the blur; smoother structure may co
 STEPS, STILL = 15, 1e-4
 LEAST_SCALE = 1e-9
 FARTHEST = 8  # whole-pixel shifts are searched up to 1/FARTHEST of a side
-FAINT = 1e-3  # share of the brightest light
+FAINT = 1e-3  # least divisor of light, as a share of the brightest light
 MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # allowed relative changes: of the floodlit room, and of its brightness
 
 

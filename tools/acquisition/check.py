@@ -19,7 +19,7 @@ from counterlight.tools.acquisition.plan import Codes, Pattern, Reference
 from counterlight.tools.inverse.pictures import noise_picture
 from counterlight.tools.transport.transport import Transport
 
-CELL = 4  # projector pixels; side of the random cells
+CELL = 4  # side of the random cells, in projector pixels
 PHOTOGRAPHS, SLOPE = 2, 2.0  # number, and the fall of their spectra: soft photographs
 TINT = 0.3  # share of a photograph's light that differs between the channels
 GREYS, COLOURS = (48, 208), (32, 224)  # code values that are neither near black nor clipped

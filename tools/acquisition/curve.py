@@ -33,7 +33,7 @@ CURVE_PICTURES = PARTS + len(PAIRS) + len(GREYS)
 SAMPLES = 1000  # camera pixels per channel
 SPLINES, DEGREE = 24, 3
 CONTRAST = 0.1  # error of a code as a share of the contrast around it: JPEG, sharpening, noise reduction
-AROUND = 5  # camera pixels
+AROUND = 5  # side of the surroundings of a camera pixel
 STEP = 0.3  # rounding error of a code in flat surroundings, in code values: 1/√12 of a step
 FINEST = 1 / 1000  # share of the range; steps of finer cameras do not limit the fit
 # standard deviation of the second differences of log slopes; with 0.1, the top 0.9 % of sRGB is continued wrongly

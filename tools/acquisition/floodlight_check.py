@@ -17,7 +17,7 @@ from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.acquisition.registration import cauchy_weights, lit, robust_scale
 from counterlight.tools.transport.transport import Transport, luminance
 
-REPEATS = 4  # captures of each picture
+REPEATS = 4  # number of captures of each picture
 MARGIN = 8  # pixels nearer to the raster's border than 1/MARGIN of its side count as outer pixels
 INNER = 0.999  # an inner camera pixel gets at least this share of its light from inside the margin
 OWN = 0.99  # least share of a camera pixel's light that must come from one projector

@@ -20,7 +20,7 @@ Codes: TypeAlias = NDArray[np.uint8]  # (projector height, projector width, 3); 
 Picture: TypeAlias = Pattern | Codes  # a picture of a level
 Painted = TypeVar("Painted", covariant=True)
 REPEATS = 16  # captures of black, floodlight and primaries; 16 gain 5 dB over 4 on a smooth wall, for 24 more pictures
-MAD_TO_SIGMA = 1.4826  # for a normal distribution
+MAD_TO_SIGMA = 1.4826  # factor from the median absolute deviation to σ, for a normal distribution
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from counterlight.tools.acquisition.plan import Codes, Reference, codes_of, mean
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has arrived and an automatic exposure has acted
 TRIALS = 3
-# share of the brightest rise; shares of lit camera pixels below which the grade is bad, or doubtful
+# LIT: share of the brightest rise; a smaller share of lit camera pixels is bad, or doubtful
 LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05
 MOST_SATURATED, LEAST_BRIGHT = 0.02, 0.25
 MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # shares of the projector's light above which the grade is doubtful, or bad

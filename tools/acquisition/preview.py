@@ -27,7 +27,7 @@ from counterlight.tools.acquisition.rig import open_rig
 
 STEPS = 3  # key presses that double the exposure
 CARDS = ("white", "focus", "black")
-FILLED = 0.75  # share of a monitor's sides
+FILLED = 0.75  # share of a monitor's sides that the window fills
 BLINK_S, SELDOM = 3.0, 4  # least time between blinks: in seconds, and as a multiple of a blink's duration
 SETTLED = 6  # frames until a picture has arrived
 CLIPPED = (255, 0, 160)  # a colour that rarely occurs in rooms

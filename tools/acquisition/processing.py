@@ -20,7 +20,8 @@ BENT = 0.03  # usual second difference of B between neighbouring samples
 ALIKE = 0.1  # usual difference of B between codes of the own primary
 MODEL = 0.002  # least error assumed of a measured B
 STEPS = np.rint(np.linspace(0, 255, LEVELS)).astype(np.uint8)
-SAMPLES = np.stack(np.meshgrid(*[np.arange(LEVELS)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)  # levels of r, g, b
+# level of each primary in each sample
+SAMPLES = np.stack(np.meshgrid(*[np.arange(LEVELS)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 SHOWN = np.flatnonzero(np.count_nonzero(SAMPLES, axis=1) > 1)
 
 

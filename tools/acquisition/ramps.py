@@ -27,12 +27,12 @@ INNER = CODES[1:-1]
 COLOURS = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.uint8)  # grey and the primaries
 FULL = CODES[-1]
 PRIMARIES = len(INNER) * len(COLOURS)  # index of the first capture of a primary, after the ramps
-WELL_LIT = 10  # multiple of the noise of a dark capture
+WELL_LIT = 10  # light of a well-lit pixel, in multiples of the noise of a dark capture
 MOST_UNADDED = 0.03  # colours may miss white by this share of white, plus SURELY times the noise:
 SURELY = 4
 SAMPLES = 65  # samples of a white segment
-UNSEEN = 1e-6  # share of the brightest primary's squared light
-EXACT = 1e-6  # share of the brightest light; least error assumed of a capture
+UNSEEN = 1e-6  # share of the brightest primary's squared light, below which a primary counts as unseen
+EXACT = 1e-6  # least error assumed of a capture, as a share of the brightest light
 
 
 @dataclass(frozen=True)

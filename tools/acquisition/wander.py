@@ -23,8 +23,8 @@ LEAST = 0.005  # least spread that counts; lamps and exposures that are steady s
 REPORTED = 0.01  # spread from which on the report says so
 DIM = 2.0  # the floodlight may light the border with up to this multiple of the room's light
 SURELY = 4  # a measured variance counts if it exceeds the noise by this number of standard deviations
-FEWEST = 50  # camera pixels of a border
-WELL_LIT = 20  # multiple of the noise of a dark capture
+FEWEST = 50  # least number of camera pixels of a border
+WELL_LIT = 20  # light of a well-lit pixel, in multiples of the noise of a dark capture
 MOST_PIXELS, MOST_CAPTURES = 1 << 12, 1 << 11  # largest numbers of pixels and captures in the least squares of a level
 # share of the floodlight by which a level's sum may be too dark, because its faintest light is not shown again
 UNCLOSED = 0.002

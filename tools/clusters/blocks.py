@@ -34,7 +34,7 @@ class ClusterBlocks:
     """The chosen clusters of a matrix, or of several matrices with the same clusters."""
 
     def __init__(self, clusters: Clusters, chosen: NDArray[np.bool_]) -> None:
-        """chosen : (clusters,) bool."""
+        """Arrange the clusters for which `chosen`, (clusters,) bool, is True."""
         self._clusters, self._chosen = clusters, chosen
         self._camera = _Places(clusters.camera, clusters.count)
         self._projector = _Places(clusters.projector, clusters.count)

@@ -20,7 +20,7 @@ from counterlight.tools.clusters.decomposition import (
     decomposed,
 )
 
-FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # first radii to try; the thesis' figure 4.8 shows 3 to 15
+FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # first radii to try; figure 4.8 of the thesis shows radii from 3 to 15
 WIDER_RADII = 2  # number of radii that are tried beyond the first sufficient radius; they may allow a smaller τ₁
 TAU_1_STEPS = 64
 

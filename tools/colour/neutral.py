@@ -12,7 +12,7 @@ NEAR = 0.3  # distance in tint within which pixels have most weight
 # a percentile of the pixels' tint, and the largest value there if the camera is balanced on white
 BALANCED_PERCENTILE, BALANCED = 5.0, 0.25
 BRIGHTEST_PERCENTILE = 90.0
-MOST_ASKED = 1 << 19  # camera pixels; more would not improve the result
+MOST_ASKED = 1 << 19  # camera pixels that are used at most; more would not improve the result
 SLOPE_NOISE = 0.03  # smallest difference of tint that carries information about the mixing
 
 

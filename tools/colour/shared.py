@@ -22,7 +22,7 @@ from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.colour.neutral import DARK, neutral_mixing
 
 ALIKE = 0.003  # share of a primary's light in the wrong channel; 50 dB, as in tiers.py
-BORDER = 1e-6  # share of D; rounding at a gamut's border
+BORDER = 1e-6  # allowed error at a gamut's border by rounding, as a share of D
 FEWEST = 16  # camera pixels needed to compare two whites
 
 

@@ -50,7 +50,7 @@ class Pictures:
         return np.asarray(squares.sum(axis=-2) / (3 * max(self.counted.sum(), 1) * self.white**2))
 
     def losses(self, squares: FloatArray, errors: FloatArray) -> FloatArray:
-        """Returns the loss in dB from Σ δ² of wrong light, (…, 3, pictures), and E by the factored T."""
+        """Returns the loss in dB from two inputs: Σ δ² of wrong light, (…, 3, pictures), and E of the factored T."""
         return np.asarray(10 * np.log10(1 + self.relative(squares) / (errors + DARKEST)))
 
 
@@ -83,7 +83,7 @@ def compensated(T: Transport, pictures: Pictures, steps: int = STEPS) -> Picture
 
 
 def measured(T: Transport, factored: Transport, pictures: Pictures) -> dict[str, float]:
-    """Returns the loss of each picture in dB, after MORE steps by the factored T compared with MORE steps by T."""
+    """Returns each picture's loss in dB: MORE steps by the factored T compared with MORE steps by T, judged by T."""
     best = compensated(factored, pictures)
     by_factors, by_T = (compensated(each, best, MORE).squared_error(T) for each in (factored, T))
     found = 10 * np.log10((by_factors + DARKEST) / (by_T + DARKEST))

@@ -206,7 +206,7 @@ def missed(  # type: ignore[no-untyped-def]
             for level in range(levels, 0, -1):
                 for c in range(3):
                     for u in range(count):
-                        left[c, u] -= near[level, c, u]  # entries beyond the limit below
+                        left[c, u] -= near[level, c, u]  # these entries are near light already at the next lower limit
                     fits = left[c, 0] > -light[c, 0] / 2 and left[c, 0] < light[c, 0]
                     scale = left[c, 0] / light[c, 0] if fits else 0.0
                     for u in range(count):

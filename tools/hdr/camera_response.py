@@ -19,7 +19,7 @@ from counterlight.writing.replacing import replacing_file
 
 SUFFIXES = (".toml",)  # suffix by which --response recognises a file
 NODES = 256  # rows of a table; codes of deeper cameras are interpolated
-STRICT = 1e-6  # share of full scale; least rise over the whole table
+STRICT = 1e-6  # least rise over the whole table, as a share of full scale
 
 
 def table_response(columns: FloatArray) -> Response:

@@ -18,7 +18,7 @@ from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse
 FULL_LEVEL = 255
 MAX_TABLE_BYTES = 4 << 20
 LIT = 0.5  # share of the brightest parts; brighter pixels belong to the projector's picture
-MOST_CLIPPED = 0.01  # share of the lit pixels
+MOST_CLIPPED = 0.01  # largest share of the lit pixels that may be clipped
 COLUMNS = "columns level,red,green,blue or level,grey; levels 0 to 255, linear light"
 
 

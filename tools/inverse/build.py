@@ -180,7 +180,7 @@ def build_maps(
     if further is not None:
         found = _recommended(objective, inverse, packed, further, calibration)
         packed = replace(packed, details=details | found.to_toml())
-    del objective  # its T and Tᵀ take as much memory as the words
+    del objective  # the transport of `objective` takes as much memory as the words
     packed = replace(packed, words=words_of(packed, options.max_error))
     return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside, found)
 

@@ -19,7 +19,8 @@ from counterlight.tools.transport.transport import Csr
 CANDIDATES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4)
 MOST_STEPS = 120  # largest number of steps; 60 or 240 steps change the errors of rooms of 640x480 by at most 0.1 %
 ACCURACY = 0.1 / 255  # drive; higher accuracy does not change the errors visibly
-SMALL = 1 << 17  # pixels; larger pictures are judged by squares (pictures.py)
+# largest number of pixels that are judged as a whole; larger pictures are judged by squares (pictures.py)
+SMALL = 1 << 17
 
 
 @dataclass(frozen=True)

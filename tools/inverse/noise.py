@@ -14,7 +14,7 @@ from counterlight.arrays import FloatArray
 from counterlight.tools.transport.transport import Csr
 
 FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32
-TAIL = 3.0  # standard deviations of ‖N‖ above its mean
+TAIL = 3.0  # limit of ‖N‖, in standard deviations above its mean
 
 
 def cut_off(T: FloatArray, largest: FloatArray, noise: float) -> FloatArray:

@@ -19,7 +19,7 @@ from counterlight.tools.inverse.windows import WindowedChannel, plan_windows, sa
 from counterlight.tools.transport.transport import CHANNELS, Csr
 
 MOST_SECONDS = 60.0
-SHARE_OF_MEMORY = 0.5  # share of the available memory
+SHARE_OF_MEMORY = 0.5  # share of the available memory that an inverse may use
 MOST_FAILING = 0.2  # largest share of the sampled windows that may exceed their tolerance
 OPERATIONS_A_SECOND = 5e9  # operations per second and core for blocks inverted whole: solving, truncating, joining
 SECONDS_A_CLUSTER = 10e-6  # additional time per cluster

@@ -101,7 +101,7 @@ def truncated_piece(
 
 def _refuse_overflow(rows: IntArray, blocks: FloatArray) -> None:
     largest = np.max(np.abs(blocks), axis=(0, 2), initial=0.0)
-    if not largest.max(initial=0.0) <= FLOAT32_MAX:  # also catches NaN
+    if not largest.max(initial=0.0) <= FLOAT32_MAX:  # this form also catches NaN
         worst = int(np.argmax(np.where(np.isfinite(largest), largest, np.inf)))
         raise InputError(
             f"projector pixel {rows[worst]}: its weights in T⁺ are beyond float32; the light that it sends is too "

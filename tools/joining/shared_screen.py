@@ -25,7 +25,7 @@ PIXEL_BYTES = 150  # memory per pixel of both rasters; 125 measured with ten pro
 FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
 NOISY = 1.5  # in multiples of the camera pixels that one projector pixel covers
 FARTHEST = 2.0  # largest distance from the screen, in screens; a pixel further out affects no picture
-REACH = 3.0  # times a footprint's usual radius; light further from the centre took another way through the room
+REACH = 3.0  # multiple of a footprint's usual radius; light further out took another way through the room
 BRIGHT_PERCENTILE, FAINTEST = 95.0, 0.02  # below this share of the 95th percentile, light is too faint to locate
 WHOLE = 0.98  # share of a footprint that must be known, so that its centre is right
 MAD = 1.4826  # ratio of standard deviation to median absolute deviation of a normal distribution
@@ -115,7 +115,7 @@ class _View:
 
     @classmethod
     def of(cls, rows: NDArray[np.int64], near: Csr, mask: BoolArray, light: FloatArray) -> "_View":
-        """rows : (height, width). Raster indices of this camera's pixels."""
+        """Make the view of one camera. rows : (height, width). Raster indices of its pixels."""
         inner = np.zeros(rows.shape, bool)
         inner[1:-1, 1:-1] = True
         flat = rows.ravel()

@@ -16,7 +16,7 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 REWEIGHTED = 10  # iterations until outliers no longer affect the trend
 # a value counts little if it is further from the trend than USUAL times the median distance and than LEAST
 USUAL, LEAST = 4.0, 0.05
-CONTRADICTED = 0.5  # the same limit for the distance of a value from the median of its neighbours
+CONTRADICTED = 0.5  # limit like USUAL and LEAST, for the distance of a value from the median of its neighbours
 BESIDE = np.mgrid[-2:3, -2:3].reshape(2, -1).T  # offsets of the neighbours
 ALONE = 8  # fewest values in a neighbourhood, including the middle value, which is ignored if there are fewer
 AT_ONCE = 1 << 15  # pixels whose neighbours are processed at a time
@@ -25,7 +25,7 @@ STEEPEST = 2.0  # largest ratio of scales over the picture
 COARSEST = 4  # cells along the longer side
 WIDTH = 2.0  # standard deviation of the Gaussian, in cells
 CONSTANT_RIDGE, SLOPE_RIDGE = 1e-3, 0.05  # ridges of a fit's constant and slopes, relative to a full neighbourhood
-MOST_POINTS = 20000  # for fitting a trend
+MOST_POINTS = 20000  # largest number of points for fitting a trend
 
 
 def smooth_field(values: FloatArray, known: BoolArray, finest: float) -> FloatArray:

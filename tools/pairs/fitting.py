@@ -14,18 +14,21 @@ from counterlight.tools.pairs.model import CELLS, SATURATED, Model, fit
 from counterlight.tools.pairs.processing import OWN, Processing, fit_processing, fit_response, level_shares
 
 ROUNDS = 2  # rounds that fit response and places in turn
-PATCH = (5, 5)  # camera pixels
+PATCH = (5, 5)  # side of a patch in camera pixels
 FLAT, FLATTEST = 0.03, 0.2  # deviation of code values around places where the response is fitted; share of places
 SAMPLES, LEAST_SAMPLES = 200_000, 1000
 LIT_SHARE = 0.9  # quantile of the light, above which the projector lights a camera pixel even in a wide view
-MOST_SATURATED, LEAST_VARIED = 0.25, 0.02  # share of lit values; deviation of code values over the pairs
-LIT = 0.5  # correlation of a directly lit camera pixel
+# largest share of saturated lit values; least deviation of code values over the pairs
+MOST_SATURATED, LEAST_VARIED = 0.25, 0.02
+LIT = 0.5  # least correlation of a directly lit camera pixel
 FOREIGN = 0.5  # least correlation of a capture and its prediction
 MOST_GAIN = 1.1
 DARK = 1e-6  # a smaller sum of squared radiance is too dark to estimate a gain
-LEAST_LIGHT, LEAST_PIXELS = 0.01, 300  # share of the camera's range; camera pixels that determine a gain
+# least light as a share of the camera's range; least number of camera pixels that determine a gain
+LEAST_LIGHT, LEAST_PIXELS = 0.01, 300
 FOLDS = 4  # parts of the pairs that are predicted by a fit of the other parts
-MOVED, SEARCH, CLEARER = 1.0, 8, 0.02  # camera pixels; shifts tried; correlation gained by a real shift
+# MOVED: shift in camera pixels; SEARCH: largest shift that is tried; CLEARER: correlation that a real shift gains
+MOVED, SEARCH, CLEARER = 1.0, 8, 0.02
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ SIDE = 400  # longer side of the pictures in which features are looked for
 GRID = 40, 30  # (width, height) in which pictures are compared
 RATIO, LEAST_INLIERS = 0.75, 15
 TRIED = 6  # photographs whose features are compared with a picture
-CERTAIN = 0.5  # correlation of a photograph and its picture
+CERTAIN = 0.5  # correlation from which on a photograph certainly shows its picture
 PREFERRED = 0.05  # advantage in correlation of the picture with the same number
 
 

@@ -28,7 +28,7 @@ BAND = 24  # rows of camera pixels at a time
 NEAR = 8, 8, 2  # squared distance of the farthest taps of a level
 TAPS, FLOOR = (0.2, 0.04, 0.02), (0.05, 0.004, 0.001)  # standard deviations of taps of h: nearest, farthest
 MIXED, BENT, HALOS = (0.1, 0.05, 0.05), (0.1, 0.05, 0.05), (0.1, 0.02, 0.0)
-SATURATED = 0.98  # share of the camera's range
+SATURATED = 0.98  # share of the camera's range from which on a value is saturated
 SPREAD, WIDE_HALO = 5, 5 + len(WINDOW) + 1  # first features of h, and of the blurs G_j after the first
 BINS = 24  # levels of light at which the residual's variance is measured
 

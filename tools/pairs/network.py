@@ -17,9 +17,10 @@ from counterlight.tools.pairs.geometry import Pictures
 REACH = 2  # pixels from the middle of a patch to its edge
 WIDE = 2.0, 6.0  # standard deviations of blurs that describe a pixel's surroundings
 HIDDEN = 48, 32
-CROP, CROPS, BATCH = 32, 700, 8  # pixels per side; crops in memory, and per step
+# pixels per side of a crop; crops in memory; crops per step
+CROP, CROPS, BATCH = 32, 700, 8
 RATE, WARM, DECAY = 2e-3, 50, 2.0  # of Adam; steps until the rate is full; decay of weights relative to the rate
-WINDOW, SIGMA = (11, 11), 1.5  # of SSIM
+WINDOW, SIGMA = (11, 11), 1.5  # window and standard deviation of SSIM
 C1, C2 = 0.01**2, 0.03**2  # constants of SSIM
 
 Numbers = NDArray[np.floating]
@@ -36,7 +37,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Network:
-    """A trained network: weights and offsets of each layer."""
+    """A trained network: the weights and the offsets of each layer."""
 
     layers: Sequence[tuple[Numbers, Numbers]]
 

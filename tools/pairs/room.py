@@ -47,7 +47,7 @@ HELD = 8  # one pair in HELD is predicted by a fit of the other pairs
 FAINTEST = 0.02  # share of a camera pixel's largest entry; fainter entries are dropped
 CODES = 256
 UNSTEADY = 0.05  # deviation of gains that is reported
-WHITE = 99  # percentile of lit light
+WHITE = 99  # percentile of the lit pixels' light that is taken as white
 
 
 @dataclass(frozen=True)

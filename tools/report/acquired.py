@@ -26,7 +26,7 @@ from counterlight.writing.replacing import replacing_folder
 
 PROMISED = ("photograph", "letters")  # the first two typical pictures
 MOST_PREDICTED = 1 << 17  # largest camera, in pixels, for which the report computes the optimum
-OPTIMUM_GAP, MOST_STEPS = 0.01, 300  # relative gap of the squared error; steps of projected gradient
+OPTIMUM_GAP, MOST_STEPS = 0.01, 300  # relative gap of the squared error; largest number of steps of projected gradient
 CURVE = 65  # points of a response's curve
 PRIMARY_COLOURS = "#c0392b", "#27913f", "#2f6fc0"
 SMOOTH = 6  # camera pixels per picture pixel: with little detail, faults of T are visible

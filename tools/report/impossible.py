@@ -19,8 +19,8 @@ from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.transport import Transport
 
-BLACK_SHARE = 0.1  # share of white; above this, black looks dark grey
-CONFLICT_SHARE = 0.1  # share of mid grey; a difference that is visible next to an even grey
+BLACK_SHARE = 0.1  # share of white from which black looks dark grey
+CONFLICT_SHARE = 0.1  # share of mid grey that is visible as a difference next to an even grey
 BOX_STEPS = 60
 
 

@@ -14,7 +14,7 @@ from counterlight.files.tables import Table
 from counterlight.response import Response
 
 PATTERNS = ("bricks", "stripes", "checker")
-MORTAR = 0.08  # share of a brick's height
+MORTAR = 0.08  # width of the mortar, as a share of a brick's height
 MAX_TEXTURE_PIXELS, TEXEL_BYTES = 1 << 26, 4 * 3 * 8  # bytes per texel while reading, in float64
 
 

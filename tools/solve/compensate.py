@@ -225,7 +225,8 @@ def compensate(
     calibration, radiance = stored.calibration, picture.suffix.lower() == ".exr"
     wanted = read_placed(picture, calibration.camera.shape, calibration.screen)
     tier = tier_of(calibration, read_transport(stored), options.colour)
-    maps = read_maps(stored) if "map" in options.solvers else None  # before the other solvers work
+    # read before the other solvers work, so that damage is reported early
+    maps = read_maps(stored) if "map" in options.solvers else None
     task = CompensationTask(tier, wanted, radiance=radiance, options=options, maps=maps)
     given = np.asarray(tier.mixing.on_screen(wanted), np.float64) if radiance else wanted
     plain = _uncorrected(picture, given, radiance, calibration.projector.shape, task.white)

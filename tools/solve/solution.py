@@ -1,4 +1,4 @@
-"""The result of every solver, and the interface of solvers: expensive once per T, cheap per picture."""
+"""The result of every solver, and the interface of solvers: preparing a T is expensive, each picture is cheap."""
 
 from dataclasses import dataclass
 from typing import Protocol

@@ -22,14 +22,14 @@ from counterlight.calibration import INTERVAL, RADIANCE, REBUILD, StoredCalibrat
 from counterlight.tools.transport.arrays import ArrayError, StoredArray, opened_archive
 
 Pictures = NDArray[np.floating]
-NOMINAL = 0.9  # share of pixels inside
+NOMINAL = 0.9  # share of pixels that lie inside the interval
 STUDENT = 1.753  # deviations that hold NOMINAL of gains whose deviation is known from 16 captures (Student's t)
 STEADY = np.zeros(3)
 CELL = 8  # camera pixels per side of a cell of m
 USUAL = 4.0  # captures with the usual error that are averaged with a cell's captures
 ROUNDS = 4  # rounds of weights in the fit of a
 MOST_SAMPLES = 200_000  # pixels for the fit of a
-WORDS = (40.0, "hardly visible errors"), (34.0, "small errors"), (28.0, "visible errors")  # at least so many dB
+WORDS = (40.0, "hardly visible errors"), (34.0, "small errors"), (28.0, "visible errors")  # from this PSNR in dB on
 WORST = "clear errors"
 LEAST = 1e-4  # least m; least s in the dark, as a share of the brightest prediction
 

@@ -11,7 +11,7 @@ from counterlight.tools.transport.trust import CUT, cut_by_edges
 
 DARK_PAINT = 0.01  # share of the bright pixels' near light, where far light cannot be mistaken for it
 FRACTION_OF_AMBIENT = 0.02
-CLEAR = 5.0  # in multiples of the noise
+CLEAR = 5.0  # least rise of a lit pixel, in multiples of the noise
 
 
 def directly_lit(

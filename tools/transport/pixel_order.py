@@ -25,7 +25,7 @@ ROUGHER = 2.0
 SMOOTH = 0.25  # roughness; shipped scenes have at most 0.22 from 12x9 pixels on, random numbers 0.8 to 1.3
 LEAST_SIDE = 8  # pixels; in smaller pictures, one row is a large part of the height
 LEAST_PAIRS = 8
-LIT = 0.01  # share of the floodlight's 99th percentile
+LIT = 0.01  # light of a lit pixel, as a share of the floodlight's 99th percentile
 
 
 @dataclass(frozen=True)

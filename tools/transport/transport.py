@@ -24,7 +24,7 @@ from counterlight.passes.colour import LUMINANCE
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]
 CHANNELS = ("red", "green", "blue")
-ROWS_AT_ONCE = 256  # for a T that is made dense
+ROWS_AT_ONCE = 256  # rows that are processed at a time for a T that is made dense
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def _shares(rows: SparseRows, total: FloatArray) -> Csr:
 def _over_lines(matrix: Csr, places: NDArray[np.int32], count: int) -> Csr:
     """Sum columns by the line that each is in."""
     lines = Csr((matrix.data, places[matrix.indices], matrix.indptr), shape=(matrix.shape[0], count), copy=True)
-    lines.sum_duplicates()  # in place
+    lines.sum_duplicates()  # sums in place
     return lines
 
 

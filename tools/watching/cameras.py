@@ -120,7 +120,7 @@ class NewestFile:
 
 
 class SimulatedFrames:
-    """A simulated room under the pictures that the player sends; each gives one capture."""
+    """A simulated room under the pictures that the player sends; each picture gives one capture."""
 
     exposure_s, follows = BRIEF_S, True
 

@@ -33,7 +33,7 @@ SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter o
 OUTLIER = 4.0  # residual of a block that belongs to a foreign object
 REGION = 6  # least blocks of a region that is rejected together with its surroundings
 FLAT = 0.02  # share of the floodlight; the place of a picture with a smaller deviation cannot be estimated
-FAR = 0.1  # share of white; larger residuals count as equal in a search
+FAR = 0.1  # share of white; larger residuals count as this residual in a search
 
 
 @dataclass(frozen=True)

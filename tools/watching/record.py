@@ -24,7 +24,7 @@ from counterlight.unattended.watch_link import Answer
 
 EVERY_S, PAUSE_S = 60.0, 10.0  # seconds between pictures: without a change of the state, and with one
 MOST_BYTES = 256 << 20  # limit for all pictures
-MOST_LINES = 4 << 20  # bytes of each of two files
+MOST_LINES = 4 << 20  # most bytes of each of the two files
 STATES, OLDER = "states.jsonl", "states-older.jsonl"
 
 

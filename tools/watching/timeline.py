@@ -49,7 +49,11 @@ class Exposed:
 
 @dataclass(frozen=True)
 class Latency:
-    """latency_s, exposure_s : L and E; unsure_s : largest error of L; known : whether the film has determined them."""
+    """L and E, named `latency_s` and `exposure_s`.
+
+    unsure_s : largest error of L.
+    known : whether the film has determined L and E.
+    """
 
     latency_s: float
     exposure_s: float

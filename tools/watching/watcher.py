@@ -31,17 +31,18 @@ RARE_S, LOOKING_S = 0.35, 0.1  # longest time without a capture: usually, and wh
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
 CHANGED = 0.02  # RMS change of the light of a film that changes
-SILENT_S = 3.0  # without captures
+SILENT_S = 3.0  # time without captures
 STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the prediction
 EXPOSURES = 12  # captures from which an automatic exposure is detected
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
 GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S = 1.0, 0.03
-ROUNDED = 0.3  # code values
-BACK_S = 10.0  # a camera that has moved or changed takes the corrections of this time back
+ROUNDED = 0.3  # error of a rounded code value
+BACK_S = 10.0  # if a camera has moved or changed, the corrections of this many last seconds are reverted
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
-MISFITTING, SEARCHED = 0.05, (2.0, 1.0, 0.5)  # share of outliers that starts the search of a jump; steps in pixels
+# share of outliers that starts the search of a jump; steps of the search in pixels
+MISFITTING, SEARCHED = 0.05, (2.0, 1.0, 0.5)
 SEARCH_S = 1.0, 30.0  # time between two searches; doubles after each search without a result
 MUCH_BETTER = 0.7  # factor by which a jump must reduce the misfit
 

@@ -28,7 +28,7 @@ COLOURED = 0.35  # share of the spread: minimal difference between channels
 TAILS = 2.6  # between 2 of a normal spot and 3.3 of a planar exponential spot
 FILLED = 0.25  # share of a full spot's entries; wax has 0.4 and more, blur 0.9, many spots have fewer
 EVERYWHERE = 0.01  # share of the projector's pixels: strewn light from fewer pixels comes from glass or a coat
-OFF_PX = 5 * LEAST_PX  # a further spot that is less off its line is the other side of an edge
+OFF_PX = 5 * LEAST_PX  # a further spot that is nearer to its line is the other side of an edge
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Ways:
     """Shares of each camera pixel's light, T·1.
 
     shares : (WAYS, camera height, camera width), 0 to 1. The rest is straight.
-    lit : (camera height, camera width). Where there is enough light to tell.
+    lit : (camera height, camera width). Where there is enough light to find the way.
     radius : (camera height, camera width). Root mean square radius of the main footprint, projector pixels.
     contrast : (camera height, camera width, PERIODS). Remaining contrast of stripes with these periods.
     bounced : (camera height, camera width, 3). Radiance of bounced light under a white picture.
@@ -82,7 +82,7 @@ class Ways:
         return np.array([each.colour for each in (STRAIGHT, *WAYS, DARK)], np.uint8)[self.first]
 
     def to_json(self) -> dict[str, dict[str, float]]:
-        """Returns per way: camera pixels in its colour, all pixels that have it, and its share of the light."""
+        """Returns for each way: pixels drawn in its colour, all pixels whose light took it, and its light's share."""
         counts = np.bincount(self.first.ravel() % (2 + len(WAYS)), minlength=2 + len(WAYS))
         lit = max(int(self.lit.sum()), 1)
         shares = [float(each[self.lit].sum() / lit) for each in self.shares]
@@ -208,7 +208,7 @@ class _Sums:
 
 
 def bright(light: FloatArray) -> BoolArray:
-    """Returns where there is enough light to tell its way."""
+    """Returns where there is enough light to find the way that it took."""
     if not light.any():
         return np.zeros(light.shape, bool)
     return np.asarray(light > FAINTEST * np.percentile(light[light > 0], BRIGHT_PERCENTILE))

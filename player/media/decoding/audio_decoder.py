@@ -132,7 +132,7 @@ def main(medium: Medium, orders: Orders, out: IO[bytes]) -> None:
                 out.write(HEADER.pack(serial, len(pairs)) + pairs.tobytes())
                 sent += len(pairs)
         except (av.FFmpegError, InputError, OSError, ValueError):
-            pass  # the picture's decoder reports what is wrong with the file
+            pass  # the decoder of the picture reports what is wrong with the file
         if not orders.waiting:
             out.write(HEADER.pack(serial if sent or order["time_s"] else NO_SOUND, 0))
         out.flush()

@@ -135,5 +135,5 @@ def limit_memory(most: float = MAX_ADDRESS_SPACE) -> None:
 
 RATE, CHANNELS = 48_000, 2
 HEADER = struct.Struct("<qI")  # serial, number of samples
-NO_SOUND = -1  # serial of a medium without sound
+NO_SOUND = -1  # serial that means a medium without sound
 Samples = NDArray[np.float32]

@@ -22,8 +22,8 @@ from counterlight.media.decoding.child import Letters, end_child, start_child
 from counterlight.media.frames import PixelFormat, slot_bytes, slot_planes
 
 FIRST_SIGN_S = 5.0  # Python starts in a tenth of a second, on a busy machine in a second
-SILENCE_S = 2.0  # four heartbeats; a process silent for longer counts as stopped
-# limit per picture; the slowest accepted picture (2^26 pixels) takes a few seconds, a deadlocked codec never ends
+SILENCE_S = 2.0  # limit of four heartbeats; a process that is silent for longer counts as stopped
+# limit per picture; the slowest accepted picture (2^26 pixels) takes a few seconds, and a deadlocked codec never ends
 STUCK_S = 60.0
 
 

@@ -52,7 +52,7 @@ def known_tags(data: bytes) -> bytes:
         return data
     entries = [data[place : place + ENTRY] for place in range(first, end, ENTRY)]
     kept = [entry for entry in entries if struct.unpack_from(f"{order}H", entry)[0] in KNOWN]
-    index = struct.pack(f"{order}H", len(kept)) + b"".join(kept) + b"\0" * 4  # 0: no further picture
+    index = struct.pack(f"{order}H", len(kept)) + b"".join(kept) + b"\0" * 4  # 0 means that no further picture follows
     return data[:at] + index + data[at + len(index) :]
 
 
@@ -228,7 +228,8 @@ class FfmpegSource:
         time_base = self._stream.time_base or Fraction(0)
         if self._stream.duration is not None and time_base:
             declared = float(self._stream.duration * time_base)
-        elif clock := re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", self._stream.metadata.get("DURATION", "")):  # Matroska
+        # Matroska states a duration in this form
+        elif clock := re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", self._stream.metadata.get("DURATION", "")):
             declared = sum(float(part) * unit for part, unit in zip(clock.groups(), (3600, 60, 1), strict=True))
         else:
             return None

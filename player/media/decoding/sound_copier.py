@@ -1,7 +1,7 @@
 """The process that copies sound: `python -m counterlight.media.decoding.sound_copier`. media/sound_track.py starts it.
 
 Reads one JSON line {"medium": …, "output": path, "start_s": t} from stdin. Copies the packets of the medium's first
-sound track unchanged. Writes empty lines to stdout as signs of life, then {"copied": whether there is sound, "reason":
+sound track unchanged. Writes empty lines to stdout as heartbeats, then {"copied": whether there is sound, "reason":
 error}.
 """
 

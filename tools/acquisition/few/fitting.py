@@ -21,7 +21,7 @@ FAR_SHARES = np.linspace(0, 0.6, 25)
 LEAST_FAR = 0.02  # share of all light; less far light is left out
 ALIKE = 6.0  # σ in camera pixels over which even far light is averaged
 MOST_TRIED = 4  # random pictures that separate near and far light
-MISFIT = 0.01  # share of a pixel's light; error assumed of spots
+MISFIT = 0.01  # error assumed of spots, as a share of a pixel's light
 BESIDE = PERIOD * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]])
 SPREAD = 0.7  # σ in camera pixels over which misfits are averaged
 CLEARLY = 0.5  # a place is moved if the misfit falls below this share of its present value
@@ -182,7 +182,7 @@ def _information(
 def _shares(
     seen: Seen, table: Table, windows: Windows, kernel: NDArray[np.floating], far: Far, pictures: Sequence[int]
 ) -> FloatArray:
-    """Returns s, each primary's share of each picture, (n, pictures, 3)."""
+    """Returns s, the shares of each primary in each picture that the pixels see, (n, pictures, 3)."""
     near = seen.shares(table, kernel, windows.columns, pictures)
     pixels = windows.pixel
     return (1 - far.total[pixels])[:, None] * near + far.shown(pixels, pictures)

@@ -26,7 +26,7 @@ PLACE, WIDTH = 0.1, 0.15
 # relative standard deviation between a pixel's far light and its surroundings' far light: OWN inside, AT_BORDER at the
 # border
 OWN, AT_BORDER = 0.05, 0.5
-MOST_FAR = 0.95  # share of a pixel's light
+MOST_FAR = 0.95  # largest share of far light in a pixel's light
 BORDER = 1.5  # projector pixels; spots with a middle nearer to the raster's border count as cut
 STEP = 0.02  # step of finite differences
 FAINTEST = 4e-3  # share of a spot's brightest pixel; fainter pixels are dropped as noise

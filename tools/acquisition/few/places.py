@@ -13,7 +13,7 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.tools.acquisition.few.order import DARKEST, FIRST_SINE, PERIOD, RAMPS
 from counterlight.tools.acquisition.few.seen import Seen, Table
 
-RAMP_SPREAD, PHASE_SPREAD = 7, 3  # camera pixels; sides of the median filters of rough places
+RAMP_SPREAD, PHASE_SPREAD = 7, 3  # sides of the median filters of rough places, in camera pixels
 WIDTH_SPREAD = 3.0  # σ in camera pixels over which contrasts are averaged; neighbours see similar spots
 LEAST_CONTRAST = 0.1  # contrast of a sine below which a camera pixel has no place
 CLEAR = 4.0  # least contrast, in multiples of its noise
@@ -22,7 +22,7 @@ STRETCHES = np.linspace(0, 0.6, 13)  # shares of far light to try; far light fla
 NARROWEST, WIDEST = 0.02, 0.9999  # limits of the contrasts from which widths are computed
 MENDED = 2  # corrections of a phase for the spot's width and the response
 STEPS = 3  # steps of Newton's method for rough places
-REACH = 8  # projector pixels
+REACH = 8  # projector pixels around a place that can share its light
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _rough(seen: Seen, table: Table, sines: Sequence[_Sine], direct: BoolArray) 
 
 
 def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, direct: BoolArray) -> FloatArray:
-    """Invert the ramps by least squares, step by step; their shares are right, down and (right + down) / 2."""
+    """Find places from the ramps by least squares; the ramps rise along right, down and (right + down) / 2."""
     codes = np.linspace(0, 1, len(table))
     slopes = np.gradient(table, codes, axis=0)
     rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # derivatives along down, right

@@ -22,13 +22,13 @@ from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise, Reference
 
 SUMMED = 12**0.5  # noise of a floodlight over the noise of a capture: it sums three captures, each minus the same black
 CLEAR = 2.5  # least rise of a channel by the floodlight, in multiples of the floodlight's noise
-LEAST_SIGMA = 1e-4  # share of the floodlight; least error assumed of a capture
+LEAST_SIGMA = 1e-4  # least error assumed of a capture, as a share of the floodlight
 NUMBERS_AT_ONCE = 1 << 24  # numbers in the equations processed at a time
 Table = NDArray[np.float32]  # (256, 3), each primary's light per code value
 USUAL_ELECTRONS = 1e4  # electrons of the brightest light, assumed until a white picture gives the photon noise
 LEVELS = 16  # brightness levels at which noise is measured
 BRIGHT = 99.0  # percentile of the floodlight that counts as its brightest light
-LEAST_STEP = 1e-5  # share of the brightest light: 16 bits
+LEAST_STEP = 1e-5  # rounding of 16 bits, as a share of the brightest light
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ SOME = 1 << 18
 
 @dataclass(frozen=True)
 class Reading:
-    """Light of the quarters of each parent, as a level measured it.
+    """Light of the quarters of each parent, as the captures of one level give it.
 
     light : (entries, 4, 3). Radiance as measured, possibly negative; 0 where the projector has no such quarter.
     variance : (entries, 4, 3). Variance of the light.

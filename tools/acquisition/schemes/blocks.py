@@ -23,7 +23,8 @@ Indices: TypeAlias = NDArray[np.int32] | IntArray
 NO_CHILD = -1
 MOST_FAR_CELLS = 1500  # a dense matrix mixes the cells of FarLight
 LEAST_FAR_SIDE = 4  # side of the smallest blocks of far light, projector pixels
-WIDE, WIDE_SPREAD = 1 << 18, 4  # projector pixels of a wide raster; side of its largest spread blocks
+# rasters of more projector pixels are wide; side of the largest spread blocks of a wide raster
+WIDE, WIDE_SPREAD = 1 << 18, 4
 # largest number of camera pixels that see one cell of far light; a texture's row holds twice as many
 MOST_READ = 1 << 13
 

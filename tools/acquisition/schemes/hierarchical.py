@@ -155,7 +155,7 @@ class HierarchicalScheme:
             count, solved = len(bands), threads.map(partial(self._solved, room), drained(bands))
             seen = list(track(solved, "solving bands of the camera", count))
         transport = together(seen, projector)
-        del seen  # as large as T
+        del seen  # frees memory: the variable is as large as T
         if is_wide(projector):
             height, width, _ = room.black.shape
             transport, note = smoothed(replace(transport, camera=(height, width), projector=projector))

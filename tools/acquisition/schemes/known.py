@@ -52,7 +52,8 @@ class KnownLight:
         indices = (part.block + self._starts[part.grid.side]).astype(np.int32)
         light = part.light.astype(np.float32, copy=False)
         rows = SparseRows(np.concatenate([[0], np.cumsum(counts)]), indices, light, self._rows.columns)
-        self._rows = next_to_each_other(replace(self._rows, columns=0), rows)  # the same columns
+        # the columns of both matrices are the same
+        self._rows = next_to_each_other(replace(self._rows, columns=0), rows)
 
     def seen(self, pattern: Pattern) -> FloatArray:
         """Returns the settled light in the capture of a pattern, (camera pixels, 3)."""

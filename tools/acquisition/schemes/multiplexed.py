@@ -45,10 +45,10 @@ from counterlight.tools.acquisition.schemes.known import KnownLight
 
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
 LEAST_TILE, MOST_TILE = 4, 14
-USUAL_TILE = 8  # for rooms in focus
+USUAL_TILE = 8  # tile for rooms in focus
 # half width of a window, in standard deviations of the spot; 2 % of the light lie beyond it, per axis
 REACH_SIGMAS = 2.3
-NEIGHBOURHOOD = 16  # projector pixels; side of the areas in which the sharpest camera pixel gives the blur
+NEIGHBOURHOOD = 16  # side, in projector pixels, of the areas in which the sharpest camera pixel gives the blur
 MOST_BLURRED = 0.95  # share of the neighbourhoods for which the window is wide enough
 LEAST_FAR = 0.02  # share of all light; less far light is left out
 FAR_BLOCKS = 64

@@ -75,7 +75,8 @@ def _first_fit(graph: Csr, order: IntArray) -> IntArray:
 
 @kept()
 def _fit_first(indptr: NDArray[np.integer], indices: NDArray[np.integer], order: IntArray, colours: IntArray) -> None:
-    taken_by = np.full(order.size + 1, UNCOLOURED, np.int64)  # per colour, the last node next to this colour
+    # for each colour, the last node that has a neighbour of this colour
+    taken_by = np.full(order.size + 1, UNCOLOURED, np.int64)
     for node in order:
         for k in range(indptr[node], indptr[node + 1]):
             if colours[indices[k]] != UNCOLOURED:

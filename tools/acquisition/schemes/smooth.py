@@ -47,7 +47,7 @@ def smoothed(transport: Transport) -> tuple[Transport, str]:
 
 
 class _Blocks(Rows):
-    """Far light alone; its column sums avoid a transposed U, which would be as large as U."""
+    """Far light alone. Column sums are computed without a transposed U, which would be as large as U."""
 
     @cached_property
     def known(self) -> tuple[FloatArray, FloatArray]:

@@ -31,7 +31,7 @@ LEVELS, COARSER = 3, 4  # levels of the map; each level is COARSER times as coar
 WIDEST_FINE = 3  # patches wider than this many pitches use a coarser level
 POINTS_A_PITCH = 1.5
 MOST_STEPS = 24  # points along a patch at the coarsest level; a wider patch has points further apart
-LONE = 1  # level of rays outside any whole beam
+LONE = 1  # level of rays that belong to no whole beam
 BAND_RAYS = 1 << 18  # rays traced at once
 Pitches = dict[int, tuple[float, float]]
 
@@ -171,7 +171,8 @@ def _bundle(
     whole = np.zeros(len(cells), bool)
     if pitch is not None:
         u, v, front = landed.u[corner], landed.v[corner], landed.front[corner]
-        whole = there.all(axis=1) & (front == front[:, :1]).all(axis=1) & (np.ptp(u, axis=1) < 0.5)  # else: seam
+        # the other cells are cut by a seam
+        whole = there.all(axis=1) & (front == front[:, :1]).all(axis=1) & (np.ptp(u, axis=1) < 0.5)
         beams = Beams(u[whole], v[whole], front[whole, 0], pixel[whole], flux[whole].sum(axis=1))
         yield from _patches(shape, int(landed.surface[0]), beams, pitch)
     alone, corners = np.nonzero(there & ~whole[:, None])

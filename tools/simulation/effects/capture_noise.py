@@ -22,9 +22,9 @@ from counterlight.maps.products import compiled
 from counterlight.response import Response
 from counterlight.tools.simulation.devices import Camera, Sensor
 
-SATURATING = 99.9  # percentile of the floodlit room that fills the wells
+SATURATING = 99.9  # percentile of the floodlit room's light that fills the wells
 OVERFLOW = 2.0  # brighter light is clipped to this level
-FEW = 16.0  # electrons; above this mean, no probability is wrong by more than 5e-4 of the largest
+FEW = 16.0  # electrons; with a larger mean, no probability is wrong by more than 5e-4 of the largest
 MANY = 1 << 16  # number of values from which all cores are used
 
 

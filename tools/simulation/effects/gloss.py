@@ -33,7 +33,7 @@ EVEN = 1 / 21  # mean of (1 − c)⁵ over uniform light from all sides
 
 
 def scatter(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:
-    """Returns one ray per ray that meets a coat, drawn from the lobe; camera side."""
+    """Returns one reflected ray for each ray that meets a coat, drawn from the lobe, on the camera's side."""
     result = []
     for surface, met in _coated(scene, hits.surface):
         there, place = rays.at(met), hits.at(met)

@@ -8,7 +8,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.scene import Scene
 
-MOST = 2.0  # standard deviations
+MOST = 2.0  # largest deviation of a gain, in standard deviations
 
 
 def gains(spread: float, random: np.random.Generator) -> FloatArray:

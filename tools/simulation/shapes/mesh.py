@@ -13,7 +13,7 @@ from counterlight.tools.simulation.shapes.triangles import Triangles
 
 MAX_BYTES = 256 << 20
 MAX_TRIANGLES, LONGEST_LINE = 1 << 22, 1 << 16
-FARTHEST = 1e6  # metres; largest coordinate of a vertex
+FARTHEST = 1e6  # largest coordinate of a vertex, in metres
 LISTS = {"v": 3, "vt": 2, "vn": 3}  # numbers per entry
 NONE = -1  # stands for a missing index
 

@@ -15,7 +15,7 @@ from counterlight.tools.simulation.shapes.shape import Shape
 
 KINDS = ("plane", "card", "sphere", "cylinder", "relief", "lathe", "mesh")
 FIGURES = ("statuette", "skull", "waves", "bricks")
-SIZE = (1e-4, 1e4)  # metres; smallest and largest size of a shape
+SIZE = (1e-4, 1e4)  # smallest and largest size of a shape, in metres
 MOST_POINTS = 1 << 22
 
 

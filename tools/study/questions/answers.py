@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-CLOSE_DB, NEAR_DB = 0.1, 1.0  # decibels below the best: not visible; visible only side by side
+CLOSE_DB, NEAR_DB = 0.1, 1.0  # decibels below the best: CLOSE_DB is not visible, NEAR_DB is visible only side by side
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Questio
 from counterlight.tools.study.questions.place import Place
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions
 
-SHIFTS = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)  # projector pixels
+SHIFTS = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)  # in projector pixels
 AIMS = (0.0, DEFAULT_AIMS.drift, 0.5)  # values of --drift
 
 

@@ -25,7 +25,7 @@ from counterlight.tools.study.pictures import Picture
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Csr, Shape, Transport, channels, stacked
 
-MOST_PIXELS = 160 * 120  # camera pixels
+MOST_PIXELS = 160 * 120  # largest number of camera pixels
 GAP = 1e-3  # relative gap of the box optimum: 0.004 dB
 
 

@@ -22,7 +22,7 @@ HAIR = (
 )
 SOFTNESS = 12  # exponent of the seams between ellipsoids; larger exponents give sharper seams
 CURL = 0.062  # distance between curls
-FACE_RISE = 0.96 - 1.00  # the bumps below suit a head 0.04 higher
+FACE_RISE = 0.96 - 1.00  # the positions of the bumps below are for a head that is 0.04 higher
 # x, y; spreads across and up; height, negative for hollows. MIDDLE lies on the axis, SIDES on both sides of it.
 MIDDLE = (
     (0.0, 0.975, 0.022, 0.055, 0.040),  # ridge of the nose
