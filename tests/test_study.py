@@ -289,15 +289,7 @@ def test_pictures_of_radiance_folders_without_a_room_and_other_folders_are_refus
 
 
 def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "counterlight.tools.study_accuracy",
-        "--scenes",
-        "wall",
-        "-o",
-        str(tmp_path / "out"),
-    ]
+    command = [sys.executable, "-m", "counterlight", "study", "--scenes", "wall", "-o", str(tmp_path / "out")]
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     environment = {"TMPDIR": str(temporary), "PATH": "/usr/bin:/bin"}
