@@ -9,8 +9,8 @@ import pytest
 
 from counterlight import calibration
 from counterlight.tools.import_pairs import main as import_pairs
-from counterlight.tools.pairs import correction, network, surrogate
 from tests.pairs_of_rooms import AMBIENT, PROJECTOR, Wall, natural_pictures, write, write_pairs
+from tests.real import correction, network, surrogate
 from tests.real.__main__ import main
 from tests.real.measures import measured
 

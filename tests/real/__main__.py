@@ -12,14 +12,14 @@ import numpy as np
 from counterlight.arrays import BoolArray
 from counterlight.command import parse_size, run
 from counterlight.errors import InputError
-from counterlight.tools.pairs.correction import fit_correction
 from counterlight.tools.pairs.fitting import Fitted, Part, fit_pairs, held_back, parts_of
 from counterlight.tools.pairs.geometry import Pictures
 from counterlight.tools.pairs.photographs import LEAST
-from counterlight.tools.pairs.surrogate import SIZE, fit_surrogate, reduced_codes
 from counterlight.tools.transport.interval import NOMINAL, coverage, fit_interval
+from tests.real.correction import fit_correction
 from tests.real.folders import HELD, DataSet, read_data_set
 from tests.real.measures import measured, psnr, srgb
+from tests.real.surrogate import SIZE, fit_surrogate, reduced_codes
 
 DIRECTIONS = ["forward", "interval", "surrogate"]
 HEADER = "| | PSNR | RMSE | SSIM | ΔE2000 |\n|---|---|---|---|---|"

@@ -17,6 +17,7 @@ from counterlight.tools.pairs.geometry import Pictures
 REACH = 2  # pixels from the middle of a patch to its edge
 WIDE = 2.0, 6.0  # standard deviations of blurs that describe a pixel's surroundings
 HIDDEN = 48, 32
+GAMMA = 2.2  # colours are light^(1/GAMMA), so that errors in the dark count as the eye sees them
 # pixels per side of a crop; crops in memory; crops per step
 CROP, CROPS, BATCH = 32, 700, 8
 RATE, WARM, DECAY = 2e-3, 50, 2.0  # of Adam; steps until the rate is full; decay of weights relative to the rate
@@ -45,6 +46,10 @@ class Network:
         """Return a picture, (height, width, 3), from its inputs (height, width, numbers) and its base."""
         values = _activations([w for w, _ in self.layers], [b for _, b in self.layers], inputs)[-1]
         return np.asarray(base + values)
+
+
+def encoded(light: Numbers) -> Numbers:
+    return np.asarray(np.clip(light, 0, 1) ** np.float32(1 / GAMMA))
 
 
 def around(picture: Numbers) -> Numbers:

@@ -1,7 +1,6 @@
 """Correct the predictions of a fit by a small network, for what the model of a room cannot hold.
 
-The network sees the picture around the place of each camera pixel, the prediction, and the surface. Its colours are
-light^(1/GAMMA), so that errors in the dark count as the eye sees them.
+The network sees the picture around the place of each camera pixel, the prediction, and the surface.
 """
 
 from collections.abc import Sequence
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 from counterlight.tools.pairs.fitting import Fitted, Part, held_back, reduced
 from counterlight.tools.pairs.geometry import Pictures
 from counterlight.tools.pairs.model import SATURATED
-from counterlight.tools.pairs.network import Example, Network, around, surface, trained
+from tests.real.network import GAMMA, Example, Network, around, encoded, surface, trained
 
-GAMMA = 2.2
 STEPS = 600  # steps of training
 
 
@@ -49,10 +47,6 @@ def fit_correction(
 
     examples = (example(*each) for each in zip(pictures, predicted, captures, strict=True))
     return Correction(fitted, trained(examples, len(pictures), steps=STEPS, seed=seed))
-
-
-def encoded(light: NDArray[np.floating]) -> NDArray[np.floating]:
-    return np.asarray(np.clip(light, 0, 1) ** np.float32(1 / GAMMA))
 
 
 def _inputs(fitted: Fitted, picture: NDArray[np.uint8], base: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from counterlight.tools.pairs.fitting import Fitted, Part, reduced
 from counterlight.tools.pairs.geometry import Pictures, looked_up
 from counterlight.tools.pairs.model import Model
-from counterlight.tools.pairs.network import Example, Network, around, surface, trained
+from tests.real.network import Example, Network, around, encoded, surface, trained
 
 SIZE = 256, 192  # (width, height) of the literature
-GAMMA = 2.2
 STAGES, STEPS = 2, 1500  # stages; steps of training per stage
 STEP, FLAT = 0.7, 0.3  # share of the difference that is corrected; slope of φ below which corrections are damped
 NEAR = 0.02  # code values between which φ's slope is measured
@@ -45,7 +44,7 @@ class Surrogate:
         slope, offset = self._surface(model or self.fitted.model)
         seen = np.stack([looked_up(capture, self.back) for capture in captures])
         light = (seen - offset) / np.maximum(slope, 0.02 * slope.mean())
-        return np.asarray(np.clip(light, 0, 1) ** np.float32(1 / GAMMA), np.float32)
+        return np.asarray(encoded(light), np.float32)
 
     def pictures(self, captures: Pictures) -> Pictures:
         """Recover pictures, (captures, height, width, 3), code values from 0 to 1."""
