@@ -1,5 +1,6 @@
 """The report of an acquisition: what was measured, and warnings with remedies."""
 
+from bisect import bisect
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -56,9 +57,9 @@ class Unreachable:
             wanted = white * light
             return float(np.any(reached(wanted, response.over(light.shape[:2])) != wanted, axis=-1).mean())
 
-        white = next(each for each in np.arange(100, 0, -1) / 100 if not missed(each))
+        reachable = bisect(range(1, 101), 0, key=lambda percent: missed(percent / 100))  # a darker picture needs less
         worst = int(arriving.argmin())
-        return cls(missed(1), list(CORNERS)[worst], float(arriving[worst]), float(white))
+        return cls(missed(1), list(CORNERS)[worst], float(arriving[worst]), reachable / 100)
 
     def __str__(self) -> str:
         return (
