@@ -50,12 +50,16 @@ def encoded(light: NDArray[np.floating], response: RasterResponse, scale: float 
     return codes
 
 
-def reached(light: NDArray[np.floating], response: RasterResponse) -> NDArray[np.float64]:
+def reached(
+    light: NDArray[np.floating], response: RasterResponse, codes: NDArray[np.uint8] | None = None
+) -> NDArray[np.float64]:
     """Return a picture's light, 0 to 1, (height, width, 3); where no code values give it, the light that arrives.
+
+    codes : code values of the light, where they are known already.
 
     Colour processing, a white segment or other primaries make some colours impossible. Losses below SHORT are ignored.
     """
-    arriving = response.to_linear(encoded(light, response))
+    arriving = response.to_linear(encoded(light, response) if codes is None else codes)
     return np.where(arriving < light - SHORT, arriving, light.astype(np.float64))
 
 

@@ -172,7 +172,7 @@ class Verification:
             certificate = self._objective.certificate(drive, light.reshape(-1, 3))
             shown = self._drift.shown(drive.reshape(*self._room.projector.shape, 3), self._room.regions)
             codes = encoded(shown, self._room.response)
-            unreachable = float(np.any(reached(shown, self._room.response) != shown, axis=-1).mean())
+            unreachable = float(np.any(reached(shown, self._room.response, codes) != shown, axis=-1).mean())
             predicted = self._now.seen(self._arriving(codes))
             captured = np.asarray(self.tier.mixing.on_screen(self._photographer.mean(codes, repeats)), np.float64)
             figures = self._figures(predicted, captured, self._seen)
