@@ -156,11 +156,14 @@ def _vignetting(scene: Scene) -> tuple[bool, str]:
     return bool(found), ", ".join(found) or "both lenses are even"
 
 
-def _blooming(scene: Scene) -> tuple[bool, str]:
-    share, radius = scene.camera.bloom_share, np.degrees(scene.camera.bloom_radius)
+def _scattering(device: str, share: float, radius: float) -> tuple[bool, str]:
     if not share:
-        return False, "the camera's lens scatters no light"
-    return True, f"the camera scatters {100 * share:g} % of the light into a halo of {radius:g}°"
+        return False, f"the {device}'s lens scatters no light"
+    return True, f"the {device} scatters {100 * share:g} % of the light into a halo of {np.degrees(radius):g}°"
+
+
+def _blooming(scene: Scene) -> tuple[bool, str]:
+    return _scattering("camera", scene.camera.bloom_share, scene.camera.bloom_radius)
 
 
 def _ambient_light(scene: Scene) -> tuple[bool, str]:
@@ -223,10 +226,7 @@ def _lateral_colour(scene: Scene) -> tuple[bool, str]:
 
 
 def _halo(scene: Scene) -> tuple[bool, str]:
-    share, radius = scene.projector.halo_share, np.degrees(scene.projector.halo_radius)
-    if not share:
-        return False, "the projector's lens scatters no light"
-    return True, f"the projector scatters {100 * share:g} % of the light into a halo of {radius:.3g}°"
+    return _scattering("projector", scene.projector.halo_share, scene.projector.halo_radius)
 
 
 def _colour_processing(scene: Scene) -> tuple[bool, str]:
