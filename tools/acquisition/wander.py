@@ -107,8 +107,7 @@ class Wander:
     @cached_property
     def _border(self) -> "_Border":
         room, tiny = self.room, np.finfo(float).tiny
-        lit = np.where(self.border[:, None] | room.saturated.reshape(-1, 1), 0, room.light)
-        lit = lit / np.maximum(np.sum(lit**2, axis=0), tiny)
+        lit = _share_of_white(room, self.border)
         dark, variance = room.black.reshape(-1, 3)[self.border], room.noise.sigma(room.light[self.border]) ** 2
         weights = dark / np.maximum(variance, tiny)
         whole = np.maximum(np.sum(weights * dark, axis=0), tiny)
@@ -126,9 +125,8 @@ def steadied_by_border(
     border, steady = _border_of(room), Wander(np.zeros(3), np.zeros(room.light.shape[0], np.bool_), room)
     if np.count_nonzero(border) < FEWEST:
         return steady, captures
-    light = np.where(border[:, None] | room.saturated.reshape(-1, 1), 0, room.light)
-    shares = np.stack([np.sum(light * room.above_black(each), axis=0) for each in captures])
-    shares /= np.maximum(np.sum(light**2, axis=0), np.finfo(float).tiny)
+    lit = _share_of_white(room, border)
+    shares = np.stack([np.sum(lit * room.above_black(each), axis=0) for each in captures])
     seen = np.stack([each.reshape(-1, 3)[border].astype(np.float64) for each in captures])
     usual = seen.mean(axis=0)
     weights = usual / np.maximum(room.noise.sigma(usual) ** 2, np.finfo(float).tiny)
@@ -144,6 +142,12 @@ def steadied_by_border(
     gains = 1 + (found - 1) * spread**2 / (spread**2 + noise)
     divided = LazyPatterns(len(captures), lambda index: np.asarray(captures[index] / gains[index]))
     return Wander(spread, border, room), divided
+
+
+def _share_of_white(room: Reference, border: BoolArray) -> FloatArray:
+    """Returns factors (camera pixels, 3) whose sum with light outside the border is the share of white in it."""
+    lit = np.where(border[:, None] | room.saturated.reshape(-1, 1), 0, room.light)
+    return np.asarray(lit / np.maximum(np.sum(lit**2, axis=0), np.finfo(float).tiny))
 
 
 def _border_of(room: Reference) -> BoolArray:
