@@ -57,7 +57,7 @@ class Unreachable:
             wanted = white * light
             return float(np.any(reached(wanted, response.over(light.shape[:2])) != wanted, axis=-1).mean())
 
-        reachable = bisect(range(1, 101), 0, key=lambda percent: missed(percent / 100))  # a darker picture needs less
+        reachable = bisect(range(1, 101), 0.0, key=lambda percent: missed(percent / 100))  # a darker picture needs less
         worst = int(arriving.argmin())
         return cls(missed(1), list(CORNERS)[worst], float(arriving[worst]), reachable / 100)
 
