@@ -7,18 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import sparse
 
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition.acquire import acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures
+from counterlight.tools.acquisition.coarse_colour import coloured_like_white
 from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_of, curve_pictures
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.linearity import SHOTS
-from counterlight.tools.acquisition.plan import REPEATS, codes_of
+from counterlight.tools.acquisition.plan import REPEATS, Noise, Reference, codes_of
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.store import MemoryStore
+from counterlight.tools.transport.transport import Transport, stacked
 from tests.rig.files import Stored
 from tests.rig.product import photograph_new
 from tests.rig.rig import Devices, Rig
@@ -171,3 +174,18 @@ def test_a_folder_of_jpegs_is_measured_and_keeps_its_captures_if_a_curve_is_give
     assert acquire_transport.main([*words, "--camera-response", "srgb"]) == 2
     assert "waiting for" in capsys.readouterr().err
     assert (tmp_path / "exchange" / "patterns" / f"{first + CURVE_PICTURES + 108:05}.png").exists()
+
+
+def test_rows_get_the_colour_of_white(rng: np.random.Generator) -> None:
+    shape = 24, 30
+    wall = rng.uniform(0.3, 1, (4, 5, 3)).repeat(6, axis=0).repeat(6, axis=1)
+    wall[:, -6:] = 0  # beyond the projector's picture
+    pale = np.where(wall > 0, 0.8 * wall + 0.2 * wall.mean(axis=2, keepdims=True), 0)
+    noise = Noise(np.full(3, 1e-3), np.zeros(3))
+    room = Reference(np.zeros_like(wall), wall, noise, np.zeros(shape, np.bool_), 3)
+    T = Transport(stacked([sparse.csr_array(np.diag(row)) for row in pale.reshape(-1, 3).T]))
+    found = coloured_like_white(T, room).composition().reshape(wall.shape)
+    inside = np.zeros(shape, np.bool_)
+    inside[3::6, 3::6] = True  # the middles of the cells, 3σ from other colours
+    np.testing.assert_allclose(found[inside], wall[inside], rtol=0.02)  # the tails of the average
+    assert np.abs(found - wall).mean() < 0.4 * np.abs(pale - wall).mean()

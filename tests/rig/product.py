@@ -12,12 +12,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 from numpy.typing import NDArray
 
 from tests.programs import running, succeed, verb
 from tests.rig.rig import Rig
 
 WAIT_S, POLL_S = 300, 0.05
+NAMES = "red", "green", "blue"
 WHITE = re.compile(r"white is a camera radiance of ([\d.e+-]+)")
 
 
@@ -103,6 +105,12 @@ def show(folder: Path, picture: Path, *options: str) -> Shown:
 def show_plain(folder: Path, picture: Path) -> Shown:
     """Show a picture as any player would."""
     return show(folder, picture, "--no-compensation")
+
+
+def floodlight(folder: Path) -> NDArray[np.float32]:
+    """Returns the light of white above black as the room stores it, (camera height, camera width, 3)."""
+    total = sum(OpenEXR.File(str(folder / "room" / f"primary_{name}.exr")).channels()["RGB"].pixels for name in NAMES)
+    return np.asarray(total, np.float32)
 
 
 def refining(steps: int) -> tuple[str, ...]:

@@ -100,7 +100,8 @@ def _after_a_check(
     for picture, verdict in zip(pictures, verdicts, strict=True):
         path = folder / f"{picture.name}.png"
         shown = product.show(folder, path)
-        question = judge.asks(picture, shown.white, product.show_plain(folder, path).codes)
+        white = shown.white * _unit(judge.rig, folder)
+        question = judge.asks(picture, white, product.show_plain(folder, path).codes)
         yield replace(verdict, checked=judge.figures(question, shown.codes))
     product.forget(folder)
 
@@ -112,6 +113,18 @@ def given(fault: Fault, folder: Path) -> tuple[str, ...]:
     return ("--response", fault.given) if fault.given else ()
 
 
+def _unit(rig: Rig, folder: Path) -> float:
+    """Returns the rig's radiance per radiance of the product.
+
+    The captures of a camera with an unknown curve do not tell the light of its largest code, so its unit is arbitrary.
+    """
+    if rig.devices.stored.curve == "linear":
+        return 1.0
+    own, white = product.floodlight(folder), np.full((*rig.raster, 3), 255, np.uint8)
+    rise = (rig.seen(white) - rig.seen(np.zeros_like(white))).reshape(own.shape)
+    return float(np.vdot(own, rise) / np.vdot(own, own))
+
+
 class _Seen:
     """A picture in a room: as the product shows it by default, as any player would, and at its best."""
 
@@ -120,7 +133,7 @@ class _Seen:
         self._folder, self._path = folder, folder / f"{picture.name}.png"
         self._shown = product.show(folder, self._path)
         self._plain = product.show_plain(folder, self._path).codes
-        self._question = judge.asks(picture, self._shown.white, self._plain)
+        self._question = judge.asks(picture, self._shown.white * _unit(judge.rig, folder), self._plain)
         self._best = _best(judge.rig, self._question.near)
 
     def verdict(self, fault: str, steps: Sequence[int]) -> Verdict:

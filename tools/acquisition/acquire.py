@@ -41,6 +41,7 @@ from counterlight.tools.acquisition.check import (
     check_white,
 )
 from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
+from counterlight.tools.acquisition.coarse_colour import coloured_like_white
 from counterlight.tools.acquisition.curve import CURVE_PICTURES, Curve, curve_of, curve_pictures
 from counterlight.tools.acquisition.linearity import SHOTS, Bend, bends_of, refuse_bends, shown_halves
 from counterlight.tools.acquisition.pace import Clock
@@ -105,6 +106,11 @@ class Acquisition:
     curve: Curve | None = None
     wander: Wander | None = None
     photographs: tuple[Check, ...] = ()
+
+    @property
+    def of_colours(self) -> Check | None:
+        """The test of T, response and primaries: the worse compensated picture, or `coloured` without any."""
+        return max(self.photographs, key=lambda check: check.error, default=self.coloured)
 
 
 def acquire(
@@ -238,6 +244,8 @@ def _acquire(
     before, after = (room.above_black(picture) for picture in (room.floodlight, wander.steadied(checked)[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
     T, coloured, by_measured, photographs = measured.transport, None, None, tuple[Check, ...]()
+    if coarse:
+        T = coloured_like_white(T, room)
     if light:
         predicted = partial(check_coloured, room=room, codes=colours, capture=last[2], wandering=wander.is_active)
         by_measured = predicted(T, response=light.response, primaries=light.primaries)
@@ -258,10 +266,10 @@ def _acquire(
             pictures: list[Picture] = [*check_photographs(T, room, believed, projector)]
             taken = part.capture(Level("photographs", pictures))
             photographs = tuple(
-                judged(codes=codes, capture=np.asarray(seen, np.float64))
+                replace(judged(codes=codes, capture=np.asarray(seen, np.float64)), of="compensated pictures")
                 for codes, seen in zip(pictures, taken, strict=True)
             )
-    check = check_white(measured.transport, room, pattern, last[1], wandering=wander.is_active)
+    check = check_white(T if coarse else measured.transport, room, pattern, last[1], wandering=wander.is_active)
     averaged = averaging.done if averaging else None
     measured = replace(measured, transport=T)
     found = Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)

@@ -5,7 +5,7 @@ camera's channel k sees c_k = Σ_l r_kl (T_k p_l), where T is measured with whit
 of a pixel's light that each primary gives.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -35,7 +35,7 @@ class Check:
 
     error : RMS difference of predicted and captured light, relative to the captured light.
     noise : the part of the error that the camera's noise explains.
-    of : name of the picture.
+    of : name of the pictures.
     lights : predicted and captured light above black, (2, camera pixels, 3), or (2, pictures, camera pixels, 3).
     """
 
@@ -116,7 +116,7 @@ def check_coloured(
         unclear = np.broadcast_to(np.arange(3) == primary, whole.shape).astype(np.float64)  # own channel: share 1
         share = np.divide(light, whole, out=unclear, where=clear)
         predicted += share * transport.apply(_three(drive[:, primary]))
-    return _compared(predicted, room, capture, wandering=wandering)
+    return replace(_compared(predicted, room, capture, wandering=wandering), of="random greys and colours")
 
 
 def _compared(predicted: FloatArray, room: Reference, capture: FloatArray, *, wandering: bool) -> Check:

@@ -199,8 +199,8 @@ class ProjectorReport:
         """Lines about the prediction of random pictures."""
         done = self.acquisition
         said = [f"check: {done.check.of} is predicted to {done.check}"]
-        if done.coloured:
-            said.append(f"check: random greys and colours are predicted to {done.coloured}")
+        if colours := done.of_colours:
+            said.append(f"check: {colours.of} are predicted to {colours}")
         return said
 
     @property
@@ -211,8 +211,8 @@ class ProjectorReport:
     @property
     def off_colour(self) -> bool:
         """Whether the prediction is much worse than noise explains."""
-        done, (times, more) = self.acquisition, OFF_COLOUR
-        return done.coloured is not None and done.coloured.excess > times * done.check.excess + more
+        (times, more), check, colours = OFF_COLOUR, self.acquisition.check, self.acquisition.of_colours
+        return colours is not None and colours.excess > times * check.excess + more
 
     @property
     def warnings(self) -> list[str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device
 from counterlight.pipeline.content import psnr, reachable_white
+from counterlight.tools.acquisition.check import Check
 from counterlight.tools.acquisition.preflight import Finding
 from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside, ProjectorReport
 from counterlight.tools.inverse.pictures import typical_pictures
@@ -166,13 +167,12 @@ def _each(figures: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
 def _quality(figures: dict[str, Any]) -> Section:
     rows = []
     for name, found in _each(figures):
-        checks = {
-            f"{found['check']['of']}: error of the prediction (noise alone)": found["check"],
-            "random greys and colours, which ask the response, too": found["coloured_check"],
-        }
         rows += [
-            (f"{name}{what}", f"{100 * check['error']:.1f} % ({100 * check['noise']:.1f} %)")
-            for what, check in checks.items()
+            (
+                f"{name}{check['of']}: error of the prediction (noise alone)",
+                f"{100 * check['error']:.1f} % ({100 * check['noise']:.1f} %)",
+            )
+            for check in (found["check"], found["coloured_check"])
             if check
         ]
     for name, found in figures["predicted_psnr"].items():
@@ -205,6 +205,10 @@ def _captured(figures: dict[str, Any]) -> Section:
     )
 
 
+def _checked(check: Check) -> dict[str, Any]:
+    return {"error": check.error, "noise": check.noise, "of": check.of}
+
+
 def _of_projector(device: Device, report: ProjectorReport) -> dict[str, Any]:
     """Returns how a projector was measured: checks, response curves, and errors of readings and primaries."""
     codes, done = np.repeat(np.linspace(0, 1, CURVE)[:, None], 3, axis=1), report.acquisition
@@ -216,10 +220,8 @@ def _of_projector(device: Device, report: ProjectorReport) -> dict[str, Any]:
     return {
         "width": device.width,
         "height": device.height,
-        "check": {name: getattr(done.check, name) for name in ("error", "noise", "of")} | {"suspect": report.suspect},
-        "coloured_check": None if done.coloured is None else {
-            "error": done.coloured.error, "noise": done.coloured.noise,
-        },
+        "check": _checked(done.check) | {"suspect": report.suspect},
+        "coloured_check": None if done.of_colours is None else _checked(done.of_colours),
         "response": {"curves": device.response.to_linear(codes).T.tolist(), **measured},
         "light": report.light,
     }  # fmt: skip
