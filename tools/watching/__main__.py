@@ -26,7 +26,7 @@ from counterlight.tools.watching.cameras import WatchCamera, open_cameras
 from counterlight.tools.watching.record import Record, report
 from counterlight.tools.watching.view import RoomView
 from counterlight.tools.watching.watcher import Sight, Watcher
-from counterlight.unattended.watch_link import PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
+from counterlight.unattended.watch_link import GAINS, PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
 
 ANSWER_S, RETRY_S, GONE_S = 0.5, 5.0, 0.1
 READ_BYTES = 1 << 20
@@ -105,10 +105,16 @@ class _Process:
 
     def answer(self) -> None:
         """Write an answer every ANSWER_S, while the room is read less often."""
+        folder, number = Path(self._start.folder), 0
         while True:
             with self._lock:
                 watcher = self._watcher
                 answer = watcher.answer(time.monotonic()) if watcher is not None else Answer("starting")
+                gains = watcher.row_gains() if watcher is not None and answer.row_gains != number else None
+            if gains is not None:
+                number = answer.row_gains
+                np.save(new := folder / f"new-{GAINS}", gains)
+                new.replace(folder / GAINS)
             if self._trouble:
                 answer = replace(
                     answer, state="no camera", reason=self._trouble, confidence=0.0, latency_s=0.0, rejected={}
