@@ -138,6 +138,7 @@ class Study:
         self.rig = Rig(ROOMS[name](1.0), KNOWN.devices)
         if not (folder / "room").exists():
             product.acquire(self.rig, folder, *given(KNOWN, folder))
+            product.build(folder)
         stored = calibration.read(folder / "room")
         self.room, transport = stored.calibration, read_transport(stored)
         self.tier = tier_of(self.room, transport)

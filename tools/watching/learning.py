@@ -18,10 +18,11 @@ from counterlight.tools.watching.estimate import WORTH
 from counterlight.unattended.watch_link import ROW_GAINS
 
 PARTS, PART_S = 5, 60.0
-UNSURE = 0.03  # standard deviation of a part's g
-AGREED = 0.05  # largest distance of a part's g from the mean of all parts
+UNSURE = 0.1  # standard deviation of a part's g by the error model; in the rig, parts deviate by a ninth of it
+AGREED = 0.03  # largest distance of a part's g from the mean of all parts
 CLEAR, FAINT = 0.05, 0.015  # distances of g from 1: of a square of SQUARE blocks, and of blocks connected with it
 SQUARE = np.ones((3, 3), np.bool_)  # thin lines are edges that a camera sees elsewhere, not changes of the wall
+KNOWN = 0.5  # least share of the blocks whose g is known
 BEYOND = 0.1  # share of a region's blocks beyond the limits from which on the region is left alone
 
 
@@ -83,21 +84,32 @@ class Learning:
         """Return g by the fitted comparisons, (blocks, 3), and `Learned.beyond`. An unknown g keeps its value."""
         xx, xc = _spread(self._sums[1:, 0].swapaxes(0, 1))
         parts, g = xc / np.maximum(xx, 1e-12), xc.sum(axis=0) / np.maximum(xx.sum(axis=0), 1e-12)
-        known = np.all(xx > UNSURE**-2, axis=0) & (np.abs(parts - g).max(axis=0) < AGREED)
-        known &= self._counted[:, None]
-        if known.sum() < 0.5 * 3 * self._counted.sum():
+        shown = np.all(xx > UNSURE**-2, axis=0)
+        known = shown & (np.abs(parts - g).max(axis=0) < AGREED) & self._counted[:, None]
+        if known.sum() < KNOWN * 3 * self._counted.sum():
             return present, self.learned.beyond
         g /= [np.median(g[known[:, k], k]) if known[:, k].any() else 1.0 for k in range(3)]  # the lamp's part
-        away = np.where(known, np.abs(g - 1), 0).max(axis=1).reshape(self._shape)
+        region, left = self._regions(np.where(known, g, 1))
+        found = np.where(known, np.where(region[:, None], np.clip(g, *ROW_GAINS), 1), present)
+        found = np.where(region[:, None] & ~shown, self._nearest(found, known), found)
+        return np.where(left[:, None], present, found), float(left.sum() / self._counted.sum())
+
+    def _regions(self, g: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return the blocks that have changed, and the blocks of regions beyond the limits: (blocks,) bool each."""
+        away = np.abs(g - 1).max(axis=1).reshape(self._shape)
         core = ndimage.binary_opening(away > CLEAR, SQUARE)
-        region, count = ndimage.label(ndimage.binary_propagation(core, SQUARE, away > FAINT), SQUARE)
-        out = np.any(known & ((g < ROW_GAINS[0]) | (g > ROW_GAINS[1])), axis=1).reshape(self._shape)
-        share = ndimage.mean(out, region, np.arange(count + 1))
-        left = np.isin(region, np.flatnonzero(share > BEYOND)) & (region > 0)
-        inside = ((region > 0) & ~left).reshape(-1, 1)
-        known &= ~left.reshape(-1, 1)
-        found = np.where(known, np.where(inside, np.clip(g, *ROW_GAINS), 1), present)
-        return found, float(left.sum() / self._counted.sum())
+        region = ndimage.binary_fill_holes(ndimage.binary_propagation(core, SQUARE, away > FAINT))
+        label = ndimage.label(region, SQUARE)[0].ravel()
+        out = np.any((g < ROW_GAINS[0]) | (g > ROW_GAINS[1]), axis=1)
+        left = (np.bincount(label, out) > BEYOND * np.bincount(label))[label] & (label > 0)
+        return (label > 0) & ~left, left
+
+    def _nearest(self, g: FloatArray, known: BoolArray) -> FloatArray:
+        """Return g of the nearest known block, channel by channel, for blocks that the film has left dark."""
+        grids = [each.reshape(self._shape) for each in known.T]
+        places = (ndimage.distance_transform_edt(~each, return_distances=False, return_indices=True) for each in grids)
+        values = zip(g.T, places, strict=True)
+        return np.stack([each.reshape(self._shape)[tuple(place)].ravel() for each, place in values], axis=1)
 
 
 def _spread(sums: NDArray[np.float64]) -> tuple[FloatArray, FloatArray]:
