@@ -8,15 +8,16 @@ import pytest
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
+from counterlight.passes.encode import encoded
 from counterlight.pipeline.drift import Moved
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.registration import random_field
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.transport.transport import Transport
+from counterlight.tools.watching import watcher
 from counterlight.tools.watching.learning import PART_S, PARTS
 from counterlight.tools.watching.view import RoomView
-from counterlight.tools.watching.watcher import Watcher
 from counterlight.unattended.watch_link import Answer, Light, Picture
 from tests.oracles.formulas import grid_means
 from tests.rig.projector import Projector
@@ -29,6 +30,7 @@ from tests.watched_films import Film, Scene, watched
 SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
 CALM = Devices(projector=Projector(gammas=None))
 NEAR_PX, NEAR_LIGHT = 0.06, 0.015  # a film of 16 s after the change; 64x48 camera pixels of 8 bits
+RARELY_S = 6.0  # between captures that teach the same in less processor time
 STILL_PX = 0.02  # noise of the picture's middle, if nothing has moved
 
 
@@ -154,29 +156,31 @@ def test_a_camera_that_changes_is_reported_and_nothing_corrected(
     assert np.abs(middle(view, last)).max() < STILL_PX
 
 
-def test_dust_is_learned_within_minutes_and_survives_a_camera_that_moves(view: RoomView, rig: Rig) -> None:
-    """A picture every other second: a soft spot reflects 80 % from the start; the camera moves at the end."""
-    rng, watcher = np.random.default_rng(4), Watcher(view, 1e-4, 1 / 60, follows=True)
-    wall, moved_s = dust(0.0, rig.camera), (PARTS + 3) * PART_S
-    assert wall is not None
+def test_dust_is_learned_within_minutes_and_forgotten_if_the_camera_moves_meanwhile(
+    view: RoomView, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The camera sees a picture of the film now and then: a soft spot reflects 80 %, then the camera moves.
+
+    The last twenty answers are undone, which are ten seconds in a show.
+    """
+    monkeypatch.setattr(watcher, "LEARNED_PER_S", 1.0)
+    watching, shown, rng = watcher.Watcher(view, 1e-4, 1 / 60, follows=True), film(rig), np.random.default_rng(4)
+    wall, moved_s = dust(0.0, rig.camera), (PARTS + 2) * PART_S
     away, exposures = rig.after(replace(CALM, camera_moved=(3, 2))), Exposures((1.0,), view.room.camera.response)
-    for time_s in np.arange(0, moved_s + 20, 2.0):
-        field = random_field(rig.raster, int(time_s)) * rng.uniform(0.5, 0.9)
-        codes = np.rint(255 * field[..., None] ** (1 / 2.2) * rng.uniform(0.7, 1, 3)).astype(np.uint8)
+    assert wall is not None
+    for time_s in np.arange(0, moved_s + 20, RARELY_S):
+        codes = encoded(shown(1.5 * time_s / RARELY_S), view.room.response)
         drive = view.room.response.to_linear(codes).astype(np.float16)
-        watcher.light(Light(time_s, grid_means(drive)))
-        watcher.picture(Picture(time_s, drive))
-        now = rig if time_s < moved_s else away
-        light = (now.seen(codes) if now is rig else now._seen_from_elsewhere(codes)).reshape(*rig.camera, 3)
-        shot = np.rint(rig.devices.sensor.codes(light * wall[..., None], rig.light.weakness, rng) / 257)
-        watcher.capture(time_s + 0.01, shot.astype(np.uint8), exposures)
-        answer = watcher.answer(time_s + 0.02)
-        if time_s == moved_s - 2:
-            learned = watcher.row_gains()
-            assert (answer.state, "of the view has become darker" in answer.reason) == ("holding", True)
-            assert answer.row_gains > 0
-    assert answer.state == "camera moved"
-    np.testing.assert_array_equal(watcher.row_gains(), learned)
-    counted = view.counted.reshape(view.shape)
-    np.testing.assert_allclose(learned[counted].mean(axis=1), wall[counted], atol=NEAR_LIGHT)
+        watching.light(Light(time_s, grid_means(drive)))
+        watching.picture(Picture(time_s, drive))
+        light = rig.seen(codes) if time_s < moved_s else away._seen_from_elsewhere(codes)
+        shot = rig.devices.sensor.codes(light.reshape(*rig.camera, 3) * wall[..., None], rig.light.weakness, rng)
+        watching.capture(time_s + 0.01, np.rint(shot / 257.0).astype(np.uint8), exposures)
+        answer = watching.answer(time_s + 0.02)
+        if time_s < moved_s:
+            before, learned = answer, watching.row_gains()
+    assert (before.state, before.reason) == ("holding", "14% of the view has become darker")
+    left, was = (np.square(each - wall[..., None])[view.counted.reshape(view.shape)] for each in (learned, 1.0))
+    assert left.mean() < 0.1 * was.mean()  # a few captures leave some blocks unknown
     assert np.mean(learned[wall > 0.995] == 1) > 0.9
+    assert (before.row_gains > 0, answer.state, answer.row_gains) == (True, "camera moved", 0)

@@ -18,7 +18,7 @@ from counterlight.tools.watching.estimate import WORTH
 from counterlight.unattended.watch_link import ROW_GAINS
 
 PARTS, PART_S = 5, 60.0
-UNSURE = 0.1  # standard deviation of a part's g by the error model; in the rig, parts deviate by a ninth of it
+UNSURE = 0.15  # standard deviation of a part's g by the error model; in the rig, parts deviate by a ninth of it
 AGREED = 0.03  # largest distance of a part's g from the mean of all parts
 CLEAR, FAINT = 0.05, 0.015  # distances of g from 1: of a square of SQUARE blocks, and of blocks connected with it
 SQUARE = np.ones((3, 3), np.bool_)  # thin lines are edges that a camera sees elsewhere, not changes of the wall
@@ -73,7 +73,7 @@ class Learning:
         """Take g of the regions in which it predicts the held-back comparisons better than the present g."""
         present = self.learned.gains
         found, beyond = self._found(present)
-        differs = np.any(found != present, axis=1)
+        differs = np.any(np.abs(found - present) > FAINT, axis=1)
         xx, xc = (each.sum(axis=0) for each in _spread(self._sums[1:, 1].swapaxes(0, 1)))
         better = np.sum(xc * (found - present) - 0.5 * xx * (found**2 - present**2), axis=1)
         label = ndimage.label(differs.reshape(self._shape), SQUARE)[0].ravel()

@@ -360,7 +360,7 @@ class Watcher:
             "has become brighter": np.mean(light > 1 + FAINT),
             "has changed too much to be corrected": learned.beyond,
         }
-        return "; ".join(f"{share:.1%} of the view {what}" for what, share in shares.items() if share)
+        return "; ".join(f"{share:.0%} of the view {what}" for what, share in shares.items() if share > 0.005)
 
     def _approach(self, theta: FloatArray, step_s: float) -> None:
         """Move the applied θ towards the estimated θ, at the largest allowed speed."""
