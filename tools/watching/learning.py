@@ -84,14 +84,13 @@ class Learning:
         """Return g by the fitted comparisons, (blocks, 3), and `Learned.beyond`. An unknown g keeps its value."""
         xx, xc = _spread(self._sums[1:, 0].swapaxes(0, 1))
         parts, g = xc / np.maximum(xx, 1e-12), xc.sum(axis=0) / np.maximum(xx.sum(axis=0), 1e-12)
-        shown = np.all(xx > UNSURE**-2, axis=0)
-        known = shown & (np.abs(parts - g).max(axis=0) < AGREED) & self._counted[:, None]
+        known = np.all(xx > UNSURE**-2, axis=0) & (np.abs(parts - g).max(axis=0) < AGREED) & self._counted[:, None]
         if known.sum() < KNOWN * 3 * self._counted.sum():
             return present, self.learned.beyond
         g /= [np.median(g[known[:, k], k]) if known[:, k].any() else 1.0 for k in range(3)]  # the lamp's part
         region, left = self._regions(np.where(known, g, 1))
         found = np.where(known, np.where(region[:, None], np.clip(g, *ROW_GAINS), 1), present)
-        found = np.where(region[:, None] & ~shown, self._nearest(found, known), found)
+        found = np.where(region[:, None] & ~known, self._nearest(found, known), found)
         return np.where(left[:, None], present, found), float(left.sum() / self._counted.sum())
 
     def _regions(self, g: FloatArray) -> tuple[BoolArray, BoolArray]:
@@ -105,7 +104,7 @@ class Learning:
         return (label > 0) & ~left, left
 
     def _nearest(self, g: FloatArray, known: BoolArray) -> FloatArray:
-        """Return g of the nearest known block, channel by channel, for blocks that the film has left dark."""
+        """Return g of the nearest known block, channel by channel, for blocks that the film does not determine."""
         grids = [each.reshape(self._shape) for each in known.T]
         places = (ndimage.distance_transform_edt(~each, return_distances=False, return_indices=True) for each in grids)
         values = zip(g.T, places, strict=True)
