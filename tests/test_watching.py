@@ -185,3 +185,6 @@ def test_dust_is_learned_within_minutes_and_forgotten_if_the_camera_moves_meanwh
     assert left.mean() < 0.1 * was.mean()  # a few captures leave some blocks unknown
     assert np.mean(learned[wall > 0.995] == 1) > 0.9
     assert (before.row_gains > 0, answer.state, answer.row_gains) == (True, "camera moved", 0)
+    following = watcher.Watcher(view, 1e-4, 1 / 60, row_gains=learned)  # after a fault
+    assert following.answer(0.0).row_gains > 0
+    np.testing.assert_array_equal(following.row_gains(), learned)

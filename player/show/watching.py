@@ -144,6 +144,7 @@ class Watching:
         """Start again after a reload, because the room may have been calibrated again."""
         if self._session.renderer is not self._renderer:
             self._renderer, self._shown, self._applied = self._session.renderer, None, ((), (), 0)
+            (Path(self._start.folder) / GAINS).unlink(missing_ok=True)
             self._watcher.rest()
 
     def _situate(self) -> None:
@@ -321,5 +322,6 @@ def _read_gains(path: Path, camera: Device) -> NDArray[np.float32]:
     gains = np.load(path, allow_pickle=False)
     shape = (*blocks_of(camera.shape), 3)
     if gains.shape != shape or not ROW_GAINS[0] <= gains.min() <= gains.max() <= ROW_GAINS[1]:
-        raise ValueError(f"{GAINS} of shape {gains.shape}, expected {shape} and {ROW_GAINS[0]} to {ROW_GAINS[1]}")
+        found = f"{gains.shape} and {gains.min():.3g} to {gains.max():.3g}"
+        raise ValueError(f"{GAINS} of shape {found}, expected {shape} and {ROW_GAINS[0]} to {ROW_GAINS[1]}")
     return np.asarray(gains, np.float32)

@@ -131,7 +131,7 @@ class Answer:
     captures : captures compared with their prediction.
     rejected : captures that were discarded, by reason.
     row_gains : number of the learned factors of the rows of T; 0 for none. The file GAINS of Start.folder holds the
-        newest ones, float32 (`counterlight.pipeline.correction.Correction`).
+        newest ones, float32, also for the next watcher (`counterlight.pipeline.correction.Correction`).
     """
 
     state: str

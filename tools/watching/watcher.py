@@ -85,9 +85,18 @@ class Watcher:
 
     exposure_s : exposure of the captures; None if unknown.
     follows : whether a capture arrives at the end of its exposure.
+    row_gains : what a previous watcher of this show has learned, in the form of `row_gains()`.
     """
 
-    def __init__(self, view: RoomView, exposure_s: float | None, refresh_s: float, *, follows: bool = False) -> None:
+    def __init__(
+        self,
+        view: RoomView,
+        exposure_s: float | None,
+        refresh_s: float,
+        *,
+        follows: bool = False,
+        row_gains: NDArray[np.float32] | None = None,
+    ) -> None:
         self._view, self._comparison = view, Comparison(view)
         self._estimate = Estimate(self._comparison.layout)
         coarse, self._region = view.coarse
@@ -109,7 +118,10 @@ class Watcher:
         self._jumped, self._rest_s = False, SEARCH_S[0]
         self._seen: tuple[Shot, FloatArray, FloatArray | None] | None = None
         self._learning, self._learns = Learning(view.shape, view.counted), False
-        self._gains, self._number = self._learning.learned.gains, 0
+        if row_gains is not None:
+            rows, columns = view.shape
+            self._learning.restart(row_gains[:rows, :columns].reshape(-1, CHANNELS).astype(np.float64))
+        self._gains, self._number = self._learning.learned.gains, 1
 
     def light(self, light: Light) -> None:
         self._timeline.light(light)
