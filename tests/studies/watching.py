@@ -216,6 +216,8 @@ def row(study: Study, event: Event) -> str:
     middle = last[-1].drift.projectors[0].at_corners(study.room.projectors[0])[0]
     states = sorted({m.answer.state for m in moments if m.time_s > CHANGE_S})
     found = f"{middle[0]:+.3f}, {middle[1]:+.3f}; {np.mean(answer.projectors[0].gain):.3f}"
+    learned = max(float(np.any(m.row_gains != 1, axis=2).mean()) if m.row_gains is not None else 0.0 for m in moments)
+    found += f"; {100 * learned:.0f} %" if event.lasts else ""
     cells = event.name, event.film, found, f"{without:.1f}", f"{with_:.1f}", f"{known:.1f}", begun, ", ".join(states)
     return f"| {' | '.join(cells)} |"
 
