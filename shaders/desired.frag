@@ -5,6 +5,7 @@
 // Defines: CLAMP limits the result to 0..1, for an uncorrected picture with black as ambient.
 //   TONE replaces the picture by s (k + (1 − k) unit · picture) + o. k is the black level, and (s, o) is the one texel of
 //   `tone` (player/pipeline/content.py).
+//   WEIGHTS multiplies the picture by `weights`, the inverse of changes of the room's light.
 //   MIXED multiplies the light by each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py).
 //   FULL limits the light to what each pixel can reach by itself, 0 to `full`, T·1. With MIXED, the result is the light
 //   within these limits that the camera sees nearest to the target; `squares` is Q Qᵀ.
@@ -19,6 +20,9 @@ uniform sampler2D full;
 #ifdef TONE
 uniform sampler2D tone;
 uniform float unit, black_level;
+#endif
+#ifdef WEIGHTS
+uniform sampler2D weights;
 #endif
 #ifdef MIXED
 uniform sampler2D row_red, row_green, row_blue;
@@ -52,6 +56,9 @@ void main() {
 #ifdef TONE
     vec2 affine = texelFetch(tone, ivec2(0), 0).rg;
     asked = affine.x * (black_level + (1.0 - black_level) * (unit * asked)) + affine.y;
+#endif
+#ifdef WEIGHTS
+    asked *= texelFetch(weights, at, 0).rgb;
 #endif
     vec3 light = white * asked - texelFetch(ambient, at, 0).rgb;
 #ifdef MIXED

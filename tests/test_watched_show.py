@@ -7,6 +7,7 @@ import time
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -24,8 +25,9 @@ from counterlight.show.polled import watching_of
 from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
 from counterlight.show.watching import BURST, BURST_EVERY_S, Watching
+from counterlight.tools.watching.__main__ import _Process
 from counterlight.unattended import watcher
-from counterlight.unattended.watch_link import GRID, PAINT, Answer, Projected, Start, packed
+from counterlight.unattended.watch_link import GAINS, GRID, PAINT, ROW_GAINS, Answer, Projected, Start, packed
 from counterlight.unattended.watcher import LONGEST_REST_S, REST_S, SILENT_S, Watcher
 from tests.programs import PATIENCE_S, ROOT
 from tests.stage import Reader, Stage
@@ -163,6 +165,31 @@ def test_answers_are_applied_and_frozen(tmp_path: Path) -> None:
         assert len(rows) == 2
         assert rows[0][1:] == [0.5, 0.9, 0.0, 0.7]
         assert show.session.stats.notices == []
+
+
+def test_row_gains_reach_the_player_in_their_file(tmp_path: Path, rng: np.random.Generator) -> None:
+    gains = rng.uniform(*ROW_GAINS, (*CAMERA.shape, 3)).astype(np.float32)
+    gains[2:] = 1
+    process = _Process(Start("room", (), (), 2, 0.04, str(tmp_path)))
+    answers = [Answer("correcting", "dust", (moved(0.5),), captures=3 + i, row_gains=i) for i in range(3)]
+    process._watcher = Mock(answer=Mock(side_effect=answers), row_gains=lambda: gains)
+    with Watched(tmp_path) as show:
+        corrections = show.stage.screen.corrections
+        for count in (1, 2, 3):
+            show.answer(process.newest())
+            assert len(corrections) == count
+        assert corrections[0].row_gains is None
+        np.testing.assert_array_equal(corrections[2].row_gains, gains)
+        assert show.state["learned"] == pytest.approx(2 / CAMERA.height, abs=1e-4)  # four digits
+        gains[0, :2] = (0.5,), (2,)
+        np.save(tmp_path / GAINS, gains)
+        (tmp_path / "answer").write_bytes(replace(answers[2], row_gains=9).line())
+        show.until(lambda: show.session.stats.notices)
+        assert (
+            "gains.npy of shape (6, 8, 3) and 0.5 to 2, expected (6, 8, 3) and 0.5 to 1.15"
+            in show.session.stats.notices[0]
+        )
+        assert len(corrections) == 3
 
 
 @pytest.mark.parametrize(

@@ -8,23 +8,29 @@ import pytest
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
+from counterlight.passes.encode import encoded
 from counterlight.pipeline.drift import Moved
 from counterlight.response import Response
+from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.registration import random_field
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.transport.transport import Transport
+from counterlight.tools.watching import watcher
+from counterlight.tools.watching.learning import PART_S, PARTS
 from counterlight.tools.watching.view import RoomView
-from counterlight.unattended.watch_link import Answer
+from counterlight.unattended.watch_link import Answer, Light, Picture
+from tests.oracles.formulas import grid_means
 from tests.rig.projector import Projector
 from tests.rig.rays import FloatArray
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS
-from tests.rig.watching import WatchCamera, since
+from tests.rig.watching import WatchCamera, dust, since
 from tests.watched_films import Film, Scene, watched
 
 SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
 CALM = Devices(projector=Projector(gammas=None))
 NEAR_PX, NEAR_LIGHT = 0.06, 0.015  # a film of 16 s after the change; 64x48 camera pixels of 8 bits
+RARELY_S = 6.0  # between captures that teach the same in less processor time
 STILL_PX = 0.02  # noise of the picture's middle, if nothing has moved
 
 
@@ -148,3 +154,37 @@ def test_a_camera_that_changes_is_reported_and_nothing_corrected(
     last = seen(view, rig, scene, CHANGE_S + 10)[-1]
     assert (last.state, said in last.reason) == (state, True)
     assert np.abs(middle(view, last)).max() < STILL_PX
+
+
+def test_dust_is_learned_within_minutes_and_forgotten_if_the_camera_moves_meanwhile(
+    view: RoomView, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The camera sees a picture of the film now and then: a soft spot reflects 80 %, then the camera moves.
+
+    The last twenty answers are undone, which are ten seconds in a show.
+    """
+    monkeypatch.setattr(watcher, "LEARNED_PER_S", 1.0)
+    watching, shown, rng = watcher.Watcher(view, 1e-4, 1 / 60, follows=True), film(rig), np.random.default_rng(4)
+    wall, moved_s = dust(0.0, rig.camera), (PARTS + 1.5) * PART_S
+    away, exposures = rig.after(replace(CALM, camera_moved=(3, 2))), Exposures((1.0,), view.room.camera.response)
+    assert wall is not None
+    for time_s in np.arange(0, moved_s + 20, RARELY_S):
+        rich = np.clip(2 * shown(1.5 * time_s / RARELY_S) - 0.4, 0.02, 0.9)
+        codes = encoded(rich, view.room.response)
+        drive = view.room.response.to_linear(codes).astype(np.float16)
+        watching.light(Light(time_s, grid_means(drive)))
+        watching.picture(Picture(time_s, drive))
+        light = rig.seen(codes) if time_s < moved_s else away._seen_from_elsewhere(codes)
+        shot = rig.devices.sensor.codes(light.reshape(*rig.camera, 3) * wall[..., None], rig.light.weakness, rng)
+        watching.capture(time_s + 0.01, np.rint(shot / 257.0).astype(np.uint8), exposures)
+        answer = watching.answer(time_s + 0.02)
+        if time_s < moved_s:
+            before, learned = answer, watching.row_gains()
+    assert (before.state, before.reason.partition("%")[2]) == ("holding", " of the view has become darker")
+    left, was = (np.square(each - wall[..., None])[view.counted.reshape(view.shape)] for each in (learned, 1.0))
+    assert left.mean() < 0.1 * was.mean()  # a few captures leave some blocks unknown
+    assert np.mean(learned[wall > 0.995] == 1) > 0.9
+    assert (before.row_gains > 0, answer.state, answer.row_gains) == (True, "camera moved", 0)
+    following = watcher.Watcher(view, 1e-4, 1 / 60, row_gains=learned)  # after a fault
+    assert following.answer(0.0).row_gains > 0
+    np.testing.assert_array_equal(following.row_gains(), learned)

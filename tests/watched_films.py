@@ -24,6 +24,7 @@ FRAMES_PER_S = 24
 BURST, BURST_EVERY_S, ANSWER_S = 4, 0.8, 0.5
 KEPT = 40  # frames that a capture can still see
 Film = Callable[[float], FloatArray]
+Learned = Callable[[NDArray[np.float32]], Film]
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Scene:
     """Events during a film.
 
     devices : the devices at a time.
-    person : share of the light that reaches the camera at a time, (camera height, camera width), if not all of it.
+    person : share of the light that reaches the camera at a time, as in WatchedRoom, if not all of it.
     frozen_s : from then on the camera repeats its last capture.
     told : whether the watcher knows the exposure.
     """
@@ -52,6 +53,7 @@ class Moment:
     codes: NDArray[np.uint8]
     uncorrected: NDArray[np.uint8]
     rig: Rig
+    row_gains: NDArray[np.float32] | None
 
     @property
     def drift(self) -> Drift:
@@ -62,14 +64,19 @@ def drift_of(answer: Answer) -> Drift:
     return Drift(tuple(Moved(np.array(each.to_raster), np.array(each.gain)) for each in answer.projectors))
 
 
-def watched(view: RoomView, rig: Rig, film: Film, scene: Scene, seconds: float) -> Iterator[Moment]:
-    """Yield the answers during a film of linear drives (height, width, 3)."""
+def watched(
+    view: RoomView, rig: Rig, film: Film, scene: Scene, seconds: float, learned: Learned | None = None
+) -> Iterator[Moment]:
+    """Yield the answers during a film of linear drives (height, width, 3).
+
+    learned : returns the film that corrects row gains; without it, no frame does.
+    """
     room, camera = view.room, scene.camera
     watcher = Watcher(view, camera.exposure_s if scene.told else None, 1 / FRAMES_PER_S)
     seen = WatchedRoom(rig, camera, scene.devices, scene.person)
     exposures = Exposures((1.0,), room.camera.response)
     frames, drift = list[Frame](), Drift(tuple(Moved.nothing() for _ in room.regions))
-    exposed_s, answered_s, shot = 0.2, 0.0, None
+    exposed_s, answered_s, shot, gains, unlearned, number_of_gains = 0.2, 0.0, None, None, film, 0
     for number in range(round(seconds * FRAMES_PER_S)):
         time_s = number / FRAMES_PER_S
         drive = film(time_s)
@@ -88,5 +95,9 @@ def watched(view: RoomView, rig: Rig, film: Film, scene: Scene, seconds: float) 
             exposed_s += camera.period_s
         if time_s - answered_s >= ANSWER_S:
             answered_s, answer = time_s, watcher.answer(time_s)
-            yield Moment(time_s, answer, codes, encoded(drive, room.response), seen.rig_at(time_s))
+            yield Moment(time_s, answer, codes, encoded(drive, room.response), seen.rig_at(time_s), gains)
             drift = drift_of(answer)
+            if learned is not None and answer.row_gains != number_of_gains:
+                number_of_gains = answer.row_gains
+                gains = watcher.row_gains() if number_of_gains else None
+                film = unlearned if gains is None else learned(gains)

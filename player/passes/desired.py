@@ -28,7 +28,7 @@ class Tone(Generic[Picture]):
 
 @dataclass(frozen=True, eq=False)
 class Desired(Pass[Picture]):
-    """b = white · picture − e (thesis eq. 5.1).
+    """b = white · picture · weights − e (thesis eq. 5.1; weights are 1 without `weights`).
 
     white : light of a picture's 1, or of white with a tone.
     tone : applied to the picture.
@@ -37,6 +37,7 @@ class Desired(Pass[Picture]):
     mixed : rows of a matrix per pixel, applied to b.
     squares : (9,). With `mixed` and `full`, choose the light that the camera sees nearest to the target
         (maps/mixing.py).
+    weights : of the picture's size. 1 / g for a room whose light has changed by factors g (pipeline/correction.py).
     """
 
     shader = "desired.frag"
@@ -48,6 +49,7 @@ class Desired(Pass[Picture]):
     clamp: bool = False
     mixed: Rows[Picture] | None = None
     squares: Numbers | None = None
+    weights: Picture | None = None
 
     def fill(self: "Desired[Array]", out: Array) -> None:
         gain, lift = np.float32(self.white), np.float32(0)
@@ -58,7 +60,8 @@ class Desired(Pass[Picture]):
         m = self.mixed
         rows = (NOTHING, NOTHING, NOTHING) if m is None else (m.row_red, m.row_green, m.row_blue)
         squares = NO_SQUARES if self.squares is None else np.asarray(self.squares, np.float32)
-        desired(self.picture, self.ambient, gain, lift, *rows, self.clamp, given(self.full), squares, out)
+        limits = self.clamp, given(self.full), squares
+        desired(self.picture, self.ambient, gain, lift, given(self.weights), *rows, *limits, out)
 
 
 @inlined
@@ -101,13 +104,15 @@ def _nearest(red: Any, green: Any, blue: Any, most: Any, rows: Any, squares: Any
 
 
 @kernel(
-    f"{PICTURE}, {PICTURE}, float32, float32, {PICTURE}, {PICTURE}, {PICTURE}, boolean, {PICTURE}, {LINE}, {PICTURE}"
+    f"{PICTURE}, {PICTURE}, float32, float32, {PICTURE}, {PICTURE}, {PICTURE}, {PICTURE}, boolean, {PICTURE}, {LINE}, "
+    f"{PICTURE}"
 )
 def desired(
     picture: Array,
     ambient: Array,
     gain: Any,
     offset: Any,
+    weights: Array,
     row_red: Array,
     row_green: Array,
     row_blue: Array,
@@ -116,17 +121,20 @@ def desired(
     squares: Array,
     out: Array,
 ) -> None:
-    """Compute b = gain · picture + offset − ambient (desired_light), apply a matrix per pixel, and limit the result.
+    """Compute b = (gain · picture + offset) · weights − ambient (desired_light), apply a matrix, and limit the result.
 
-    row_red, row_green, row_blue, full, squares : empty arrays switch the matrix or the limits off.
+    weights, row_red, row_green, row_blue, full, squares : empty arrays switch the weights, matrix or limits off.
     """
-    mixes, limits, makes_up = row_red.size > 0, full.size > 0, squares.size > 0
+    weighs, mixes, limits, makes_up = weights.size > 0, row_red.size > 0, full.size > 0, squares.size > 0
     zero, one = np.float32(0), np.float32(1)
     for y in prange(out.shape[0]):
         for x in range(out.shape[1]):
-            red = gain * picture[y, x, 0] + offset - ambient[y, x, 0]
-            green = gain * picture[y, x, 1] + offset - ambient[y, x, 1]
-            blue = gain * picture[y, x, 2] + offset - ambient[y, x, 2]
+            red = gain * picture[y, x, 0] + offset
+            green = gain * picture[y, x, 1] + offset
+            blue = gain * picture[y, x, 2] + offset
+            if weighs:
+                red, green, blue = red * weights[y, x, 0], green * weights[y, x, 1], blue * weights[y, x, 2]
+            red, green, blue = red - ambient[y, x, 0], green - ambient[y, x, 1], blue - ambient[y, x, 2]
             if mixes:
                 red, green, blue = (
                     row_red[y, x, 0] * red + row_red[y, x, 1] * green + row_red[y, x, 2] * blue,

@@ -6,11 +6,13 @@ from typing import Generic
 import numpy as np
 
 from counterlight.maps.mixing import UNLIMITED
+from counterlight.passes.certificate import Weighted
 from counterlight.passes.drawing import Canvas, Picture, Rows
 from counterlight.passes.mixing import Mix
 from counterlight.passes.product import Combining
 from counterlight.passes.reach import Reach
 from counterlight.passes.shown_maps import Clipping, ErrorMap, Impossible
+from counterlight.pipeline.correction import RowGains
 from counterlight.pipeline.device import Device, Owner, Owning, StoredMaps, SumPass
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.views import (
@@ -30,27 +32,41 @@ CLIP_COLOURS = CLIP_FAINT, CLIP_SPAN, OVER, UNDER
 
 
 class Observer(Owning, Generic[Picture]):
-    """Predicts the camera picture of a drive, in screen primaries: e + B T p.
+    """Predicts the camera picture of a drive, in screen primaries: g ∘ (e + B T p).
 
+    row_gains : g; None for the calibrated room.
     far : whether far light is included.
     """
 
     def __init__(
-        self, stored: StoredMaps[Picture], ambient: Picture, mixer: Mixer[Picture], *, far: bool = True
+        self,
+        stored: StoredMaps[Picture],
+        ambient: Picture,
+        mixer: Mixer[Picture],
+        row_gains: RowGains[Picture] | None = None,
+        *,
+        far: bool = True,
     ) -> None:
         maps, self._owner = stored.room.maps, Owner()
         own = self._owner.own
         chains = [chain for chain in maps.chains if far or chain is not maps.far]
         adding: list[Combining] = ["ADD_TO_BASE"] * (1 + len(chains))
         self._transport = own(SumPass(stored, maps.transport, chains, adding))
-        self._ambient, self._mixer = ambient, mixer
+        self._ambient, self._mixer, self._row_gains = ambient, mixer, row_gains
         self._seen = own(mixer.canvas()) if mixer.mixes else None
 
     def run(self, drive: Picture) -> Picture:
         rows = self._mixer.seen_rows
         if self._seen is None or rows is None:
-            return self._transport.run(drive, self._ambient)
-        return self._seen.draw(Mix(self.light(drive), self._ambient, rows))
+            seen = self._transport.run(drive, self._ambient)
+        else:
+            seen = self._seen.draw(Mix(self.light(drive), self._ambient, rows))
+        gains = None if self._row_gains is None else self._row_gains.gains
+        return seen if gains is None else self._changed.draw(Weighted(seen, gains))
+
+    @cached_property
+    def _changed(self) -> Canvas[Picture]:
+        return self._owner.own(self._mixer.canvas())
 
     def light(self, drive: Picture) -> Picture:
         """Return T p."""

@@ -144,12 +144,13 @@ class Renderer(Owning, Generic[Picture]):
     def correct(self, correction: Correction) -> None:
         """Correct for a changed room from the next render on. Later calls allocate nothing.
 
-        The correction's ambient light applies to the first view.
+        The correction's ambient light and row gains apply to the first view.
         """
         if self._moved is None:
             self._moved = self._owner.own(CorrectedDrive(self._device, self._room, correction.projectors))
         self._moved.set(correction.projectors)
         self._room_views[0].ambient.add(correction.ambient, correction.paint)
+        self._room_views[0].row_gains.set(correction.row_gains)
         for room_view in self._room_views:
             room_view.request.scale_white(correction.white)
 
@@ -332,7 +333,8 @@ class Renderer(Owning, Generic[Picture]):
         else:
             seen = self._seen(self._drive(targets, steps) if compensate else self._plain())
         if view == "error":
-            seen = self._main_view.views.error(seen, self._unbounded())
+            wanted = self._main_view.request.unbounded(self._decoded, weighed=False)
+            seen = self._main_view.views.error(seen, wanted)
         if self._adjustments.clipping:
             seen = self._main_view.views.over_camera(seen, self._main_view.near_light(self._unbounded()))
         return seen

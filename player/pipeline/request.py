@@ -10,6 +10,7 @@ from counterlight.media.frames import PixelFormat
 from counterlight.passes.desired import Desired, Tone
 from counterlight.passes.drawing import Canvas, Picture
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.correction import RowGains
 from counterlight.pipeline.device import Adapter, Device, NearLight, Owner, Owning
 from counterlight.pipeline.fitting import Axes
 from counterlight.pipeline.map_views import MapViews
@@ -23,6 +24,7 @@ class Request(Owning, Generic[Picture]):
     """Places and tones the decoded picture. With neutral settings, the passes skip the tone.
 
     ambient : ambient light in screen primaries.
+    row_gains : changes of the room's light.
     maps, near_light : inputs of the adaptation.
     mixer : mixing of the room.
     """
@@ -32,11 +34,12 @@ class Request(Owning, Generic[Picture]):
         device: Device[Picture],
         room: Room,
         ambient: Picture,
+        row_gains: RowGains[Picture],
         maps: MapViews[Picture],
         near_light: NearLight[Picture],
         mixer: Mixer[Picture],
     ) -> None:
-        self._device, self._room, self._ambient = device, room, ambient
+        self._device, self._room, self._ambient, self._row_gains = device, room, ambient, row_gains
         self._maps, self._near_light, self._mixer = maps, near_light, mixer
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
         self._owner = Owner()
@@ -87,13 +90,15 @@ class Request(Owning, Generic[Picture]):
         tone = self._tone(placed) if self._toned else None
         white = self._white if tone is None else self._level * self._room_white
         squares = self._mixer.squares if self._room.maps.bounded else None
-        made = Desired(placed, self._ambient, white, tone, self._full, mixed=self._mixer.rows, squares=squares)
+        rows, weights = self._mixer.rows, self._row_gains.undo
+        made = Desired(placed, self._ambient, white, tone, self._full, mixed=rows, squares=squares, weights=weights)
         return self._desired.draw(made)
 
-    def unbounded(self, picture: Picture) -> Picture:
-        """Return c − e without limits, for the views that show errors."""
+    def unbounded(self, picture: Picture, *, weighed: bool = True) -> Picture:
+        """Return b without limits, for the views that show errors; `weighed` as for b, otherwise exactly c − e."""
         placed, white = self._placed.in_view(picture), self._level * self._room_white
-        made = Desired(placed, self._ambient, white, self._tone(placed), mixed=self._mixer.rows)
+        weights = self._row_gains.undo if weighed else None
+        made = Desired(placed, self._ambient, white, self._tone(placed), mixed=self._mixer.rows, weights=weights)
         return self._unbounded.draw(made)
 
     def plain(self, picture: Picture) -> Picture:
@@ -109,7 +114,10 @@ class Request(Owning, Generic[Picture]):
     def desired(self, picture: Picture) -> NDArray[np.float32]:
         """Return c, (camera height, camera width, 3), in screen primaries."""
         if self._toned or self._placed.pinned:
-            return self._device.read(self._mixer.on_screen(self.unbounded(picture)), np.float32) + self._room.ambient
+            return (
+                self._device.read(self._mixer.on_screen(self.unbounded(picture, weighed=False)), np.float32)
+                + self._room.ambient
+            )
         return np.float32(self._white) * self._device.read(self._placed.in_view(picture), np.float32)
 
     def _tone(self, placed: Picture) -> Tone[Picture]:

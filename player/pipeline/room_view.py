@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple
 
 from counterlight.passes.drawing import Picture
 from counterlight.passes.product import Combining
-from counterlight.pipeline.correction import AmbientLight
+from counterlight.pipeline.correction import AmbientLight, RowGains
 from counterlight.pipeline.device import ChainPass, Device, Owner, Owning, Product, StoredMaps
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
@@ -23,6 +23,7 @@ class RoomView(Owning, Generic[Picture]):
 
     refiner : None without the maps of refinement.
     ambient : the ambient light.
+    row_gains : changes of the room's light.
     request : computes the targets.
     views : draws the maps that can be shown.
     """
@@ -36,6 +37,7 @@ class RoomView(Owning, Generic[Picture]):
     def _build(self, device: Device[Picture]) -> None:
         own, maps = self._owner.own, self.room.maps
         self.ambient = own(AmbientLight(device, self.room))
+        self.row_gains = own(RowGains(device, self.room))
         ambient = self.ambient.picture
         self.stored = own(device.store(self.room))
         undo = None if maps.undo is None else own(ChainPass(self.stored, maps.undo, "SUBTRACT_FROM_BASE"))
@@ -44,9 +46,9 @@ class RoomView(Owning, Generic[Picture]):
         if maps.refinement is not None:
             self.refiner = own(Refiner(device, self.stored, maps.refinement))
         mixer = own(Mixer(device, self.room))
-        self._make_observer = partial(Observer, self.stored, ambient, mixer)
+        self._make_observer = partial(Observer, self.stored, ambient, mixer, self.row_gains)
         self.views = own(MapViews(device, self.stored, ambient, mixer))
-        self.request = own(Request(device, self.room, ambient, self.views, self.near_light, mixer))
+        self.request = own(Request(device, self.room, ambient, self.row_gains, self.views, self.near_light, mixer))
 
     @cached_property
     def observers(self) -> list[Observer[Picture]]:

@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from counterlight.calibration import Device
 from counterlight.errors import InputError
 from counterlight.overlay.osd import Page
-from counterlight.pipeline.correction import NO_LIGHT, Correction
+from counterlight.pipeline.correction import NO_LIGHT, Correction, blocks_of
 from counterlight.pipeline.drift import Moved
 from counterlight.pipeline.shown_copies import ShownCopies
 from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
 from counterlight.unattended.watch_link import (
+    GAINS,
     GRID,
     PAINT,
+    ROW_GAINS,
     Answer,
     Light,
     Picture,
@@ -56,7 +58,7 @@ class Watching:
         self._session, self._watcher, self._start, self._dims = session, watcher, start, dims
         self._renderer = session.renderer
         self._paint: NDArray[np.floating] | None = None
-        self._applied: tuple[object, object] = (), ()
+        self._applied: tuple[object, ...] = (), (), 0
         self._frozen = self._covered = self._checking = False
         self._situation = Situation()
         self._shown: _Shown | None = None
@@ -141,7 +143,8 @@ class Watching:
     def _follow_renderer(self) -> None:
         """Start again after a reload, because the room may have been calibrated again."""
         if self._session.renderer is not self._renderer:
-            self._renderer, self._shown, self._applied = self._session.renderer, None, ((), ())
+            self._renderer, self._shown, self._applied = self._session.renderer, None, ((), (), 0)
+            (Path(self._start.folder) / GAINS).unlink(missing_ok=True)
             self._watcher.rest()
 
     def _situate(self) -> None:
@@ -191,21 +194,28 @@ class Watching:
         return tuple(moved_of(each, device) for each, device in zip(answer.projectors, devices, strict=True))
 
     def _apply(self, answer: Answer, projectors: tuple[Moved, ...]) -> None:
-        found, room, session = (answer.projectors, answer.ambient), self._session.room.read_last, self._session
+        found, room, session = (
+            (answer.projectors, answer.ambient, answer.row_gains),
+            self._session.room.read_last,
+            self._session,
+        )
         if not projectors or found == self._applied or self._frozen:
             return
         ambient = _field(answer)
         if answer.ambient and self._paint is None:
             self._paint = _read_paint(Path(self._start.folder) / PAINT, room.calibration.camera)
+        gains = _read_gains(Path(self._start.folder) / GAINS, room.calibration.camera) if answer.row_gains else None
         gain = float(min(each.gain.min() for each in projectors))
         calibrated = 1.0 if room.drift is None else room.drift.dimming
-        session.renderer.correct(Correction(projectors, ambient, self._paint, gain / calibrated if self._dims else 1.0))
+        white = gain / calibrated if self._dims else 1.0
+        session.renderer.correct(Correction(projectors, ambient, self._paint, white, gains))
         self._applied = found
         moves = (each.at_corners(device) for each, device in zip(projectors, room.calibration.projectors, strict=True))
         self._figures = {
             "moved_px": round(max(float(np.abs(each).max()) for each in moves), 3),
             "gain": round(gain, 4),
             "added_light": round(float(ambient.mean()) / room.white, 4),
+            "learned": 0.0 if gains is None else round(float(np.any(gains != 1, axis=2).mean()), 4),
         }
         playback = session.playback
         if playback is None or playback.paused or playback.reader.info.still:  # no frame comes soon
@@ -260,8 +270,8 @@ def watching_properties(session: Session, watching: Watching | None) -> dict[str
     return {
         "watch-freeze": named("watch-freeze", lambda: there().frozen, lambda on: there().freeze(on)),
         "watch-state": Property(
-            "state of --watch: state, reason, confidence, moved_px, gain, added_light (share of white), unsure_px, "
-            "latency_s, captures, rejected; null without --watch",
+            "state of --watch: state, reason, confidence, moved_px, gain, added_light (share of white), "
+            "learned (share of the view), unsure_px, latency_s, captures, rejected; null without --watch",
             lambda: session.stats.facts.get("watch"),
         ),
         "watch-history": Property(
@@ -306,3 +316,12 @@ def _read_paint(path: Path, camera: Device) -> NDArray[np.floating]:
     if paint.shape != (*camera.shape, 3) or not np.isfinite(paint).all():
         raise ValueError(f"{PAINT} of shape {paint.shape}, expected {(*camera.shape, 3)} and finite numbers")
     return np.asarray(paint)
+
+
+def _read_gains(path: Path, camera: Device) -> NDArray[np.float32]:
+    gains = np.load(path, allow_pickle=False)
+    shape = (*blocks_of(camera.shape), 3)
+    if gains.shape != shape or not ROW_GAINS[0] <= gains.min() <= gains.max() <= ROW_GAINS[1]:
+        found = f"{gains.shape} and {gains.min():.3g} to {gains.max():.3g}"
+        raise ValueError(f"{GAINS} of shape {found}, expected {shape} and {ROW_GAINS[0]} to {ROW_GAINS[1]}")
+    return np.asarray(gains, np.float32)

@@ -19,7 +19,8 @@ from counterlight.unattended.json_lines import encode
 HEADER = struct.Struct("<4sII")
 GRID = 6, 8  # rows and columns of `Light.grid`
 MOST_BYTES = 1 << 26  # largest message; a larger number of bytes is damage
-PAINT = "paint.npy"
+PAINT, GAINS = "paint.npy", "gains.npy"
+ROW_GAINS = 0.5, 1.15  # limits of the factors of the rows of T
 FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share of the longer side, at least these pixels
 STATES = (
     "starting",  # reads the calibration, or opens the camera
@@ -129,6 +130,8 @@ class Answer:
     latency_s : time from the display of a frame to the end of its exposure; 0 if unknown.
     captures : captures compared with their prediction.
     rejected : captures that were discarded, by reason.
+    row_gains : number of the learned factors of the rows of T; 0 for none. The file GAINS of Start.folder holds the
+        newest ones, float32, also for the next watcher (`counterlight.pipeline.correction.Correction`).
     """
 
     state: str
@@ -139,6 +142,7 @@ class Answer:
     latency_s: float = 0.0
     captures: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
+    row_gains: int = 0
 
     def line(self) -> bytes:
         return encode(asdict(self))

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from counterlight.media.frames import radiance_frame
 from counterlight.passes.means import Means, part
-from counterlight.pipeline.correction import Correction
+from counterlight.pipeline import correction
+from counterlight.pipeline.correction import Correction, blocks_of
 from counterlight.pipeline.cpu_renderer import CpuCanvas, CpuRenderer
-from counterlight.pipeline.drift import Drift
+from counterlight.pipeline.drift import Drift, Moved
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.raster import Region
 from counterlight.unattended.watch_link import GRID
@@ -62,9 +64,9 @@ def test_a_corrected_renderer_equals_the_renderer_of_a_room_that_is_so(
         room = plain if corrections else changed
         with both(gl_context, room, frame) as renderers:
             for renderer in renderers:
-                for correction in corrections:
+                for each in corrections:
                     renderer.render("projector", compensate=True)
-                    renderer.correct(correction)
+                    renderer.correct(each)
             found = [pictures(renderer) for renderer in renderers]
         if corrections:
             corrected = found
@@ -93,3 +95,35 @@ def test_copies_are_of_the_shown_drive(gl_context: moderngl.Context, rng: np.ran
             expected = reduced(renderer.linear(), regions, 1)
             np.testing.assert_allclose(copies.picture(), expected, atol=HALF_ATOL)
             np.testing.assert_allclose(copies.grid(), grid_means(expected), atol=HALF_ATOL)
+
+
+def test_row_gains_divide_the_target_and_multiply_the_prediction(
+    gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gains are bilinear between the middles of square blocks; the last blocks reach beyond the camera picture."""
+    monkeypatch.setattr(correction, "MOST_BLOCKS", 20)
+    room = random_room(rng, far=True)
+    camera, side, blocks = room.calibration.camera.shape, 4, (3, 5)
+    assert blocks_of(camera) == blocks
+    gains = rng.uniform(0.5, 1.15, (*blocks, 3)).astype(np.float32)
+    grid = np.meshgrid(*((np.arange(size) + 0.5) / side - 0.5 for size in camera), indexing="ij")
+    undo = np.stack([map_coordinates(1 / gains[..., i], grid, order=1, mode="nearest") for i in range(3)], axis=2)
+    picture = rng.uniform(0, 0.6, (*camera, 3))
+    nothing = Correction((Moved.nothing(),))
+    expected: list[np.ndarray] = []
+    for asked, given in ((picture * undo, None), (picture, gains)):
+        with both(gl_context, room, radiance_frame(asked)) as renderers:
+            for number, renderer in enumerate(renderers):
+                renderer.correct(nothing)
+                plain = pictures(renderer)
+                renderer.correct(replace(nothing, row_gains=given))
+                found = pictures(renderer)
+                if given is None:
+                    expected.append(found)
+                    continue
+                drive, seen = np.split(expected[number], [-picture.size])
+                wanted = np.concatenate([drive, seen / undo.ravel()])
+                np.testing.assert_allclose(found, wanted, atol=1e-4)  # tolerance of the moved pass (test_moved.py)
+                assert np.abs(found - plain).max() > 0.01
+                renderer.correct(nothing)
+                np.testing.assert_array_equal(pictures(renderer), plain)

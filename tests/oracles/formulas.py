@@ -172,8 +172,9 @@ def desired_light(
     row_green: FloatArray | None = None,
     row_blue: FloatArray | None = None,
     squares: FloatArray | None = None,
+    weights: FloatArray | float = 1.0,
 ) -> FloatArray:
-    """Return the light that the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
+    """Return the light that the projector must add: b = white (s u + o) weights − e (thesis eq. 5.1; desired.frag).
 
     With u = k + (1 − k) unit · picture.
 
@@ -186,7 +187,7 @@ def desired_light(
     """
     scale, offset = np.ravel(tone)[:2]
     u = black_level + (1 - black_level) * (unit * picture)
-    b = white * (scale * u + offset) - ambient
+    b = white * (scale * u + offset) * weights - ambient
     if row_red is not None and row_green is not None and row_blue is not None:
         rows = np.stack([row_red, row_green, row_blue], axis=-2)[..., :3]
         b = mixed(rows, b)

@@ -124,6 +124,7 @@ def formula(made: Pass[Any], shape: tuple[int, int]) -> FloatArray | None:
             tone = () if made.tone is None else (made.tone.tone, made.tone.unit, made.tone.black_level)
             rows = {} if made.mixed is None else vars(made.mixed)
             limits = {"full": made.full, "squares": made.squares, "clamp": made.clamp}
+            limits |= {} if made.weights is None else {"weights": made.weights}
             return formulas.desired_light(made.picture, made.ambient, made.white, *tone, **limits, **rows)
         case Resample():
             along = 1 - made.axis

@@ -24,6 +24,7 @@ class Projector:
     white_segment : w. Codes whose darkest channel gives m show w m² more white; full white is 1 + w. 0: no segment.
     vividness : b. Colour processing gives a primary 1 + b (1 − m) of its light, with m a mean of the other codes.
     lamp : remaining share of the light of a new lamp.
+    lamp_colour : remaining shares of each primary.
     """
 
     gammas: tuple[float, float, float] | None = (2.1, 2.2, 2.35)
@@ -31,6 +32,7 @@ class Projector:
     white_segment: float = 0.0
     vividness: tuple[float, float, float] | None = None
     lamp: float = 1.0
+    lamp_colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def curve(self, codes: FloatArray) -> FloatArray:
         """Returns light above black for codes 0..1, relative to white; the last axis is the channel."""
@@ -43,7 +45,7 @@ class Projector:
         shares = codes.reshape(-1, 3) / 255.0
         shown = self.curve(shares) * self._boost(shares)
         shown = shown + self.white_segment * shown.min(axis=1, keepdims=True) ** 2
-        return np.asarray(self.lamp * (self.black + (1 - self.black) * shown))
+        return np.asarray(self.lamp * np.array(self.lamp_colour) * (self.black + (1 - self.black) * shown))
 
     @property
     def brightest(self) -> float:

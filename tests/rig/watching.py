@@ -66,11 +66,32 @@ def crossing(time_s: float, view: tuple[int, int], *, light: float, top: float =
     return share
 
 
+def dust(time_s: float, view: tuple[int, int]) -> FloatArray | None:
+    """From 0 s on, a soft spot of the wall reflects 80 % of its light."""
+    y, x = (np.mgrid[: view[0], : view[1]] + 0.5) / view[0]
+    return None if time_s < 0 else 1 - 0.2 * np.exp(-((y - 0.4) ** 2 + (x - 0.6) ** 2) / 0.02)
+
+
+def poster(time_s: float, view: tuple[int, int]) -> FloatArray | None:
+    """From 0 s on, a poster has fallen: a rectangle, a tenth of the view, reflects 60 % of the red light."""
+    share = np.ones((*view, 3))
+    share[view[0] // 3 : 2 * view[0] // 3, view[1] // 3 : round(0.63 * view[1]), 0] = 0.6
+    return None if time_s < 0 else share
+
+
+def standing(time_s: float, view: tuple[int, int]) -> FloatArray | None:
+    """A person stands in a sixth of the view for a minute, and darkens the light to 70 %."""
+    share = np.ones(view)
+    share[view[0] // 4 :, view[1] // 2 : 7 * view[1] // 10] = 0.7
+    return share if 0 <= time_s < 60 else None
+
+
 class WatchedRoom:
     """A rig that changes during a film.
 
     devices : the devices at a time.
-    person : the share of light that reaches the camera's pixels at a time, (camera height, camera width), if any.
+    person : the share of light that reaches the camera's pixels at a time, (camera height, camera width) or one per
+        channel, if any.
     """
 
     def __init__(
@@ -103,7 +124,7 @@ class WatchedRoom:
                 light += share[:, None, None] / camera.exposure_s * self._seen(rig, frame.codes)
         seen = self._person(time_s)
         if seen is not None:
-            light = light * seen[..., None]
+            light = light * seen.reshape(*rig.camera, -1)
         if camera.automatic:
             self._automatic += 0.3 * (0.18 / max(float(light.mean()), 1e-4) - self._automatic)
             light = light * self._automatic

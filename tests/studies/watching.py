@@ -8,7 +8,7 @@ import argparse
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import av
@@ -20,8 +20,12 @@ from skimage import data
 from threadpoolctl import threadpool_limits
 
 from counterlight import calibration
+from counterlight.media.frames import radiance_frame
 from counterlight.passes.encode import encoded
+from counterlight.pipeline.correction import Correction
+from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.drift import Drift, Moved
+from counterlight.pipeline.room import read_room
 from counterlight.pipeline.shown_copies import factor_of
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.shipped import CLIP
@@ -38,13 +42,16 @@ from tests.rig.rays import FloatArray
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS
 from tests.rig.trial import given
-from tests.rig.watching import WatchCamera, crossing, door, since
+from tests.rig.watching import WatchCamera, crossing, door, dust, poster, since, standing
 from tests.watched_films import Film, Moment, Scene, watched
 
 KNOWN = FAULTS["known"]
 CLIP_FRAMES, HOLD_S = 24, 1.5
 CHANGE_S, LAST_S = 15.0, 4.0
 BRIGHT = 0.85  # share of the films' light, so that a weaker lamp can still show them
+MINUTES = 12
+LAMP_COLOUR = 1.0, 0.95, 0.88
+STEPS = 8  # of refinement, from T⁺ b, for films that follow row gains
 
 
 @dataclass(frozen=True)
@@ -52,12 +59,19 @@ class Event:
     """A change during a film.
 
     scene : given the devices of the calibration.
+    wall : remaining share of the wall's light at a time, if the wall changes.
     """
 
     name: str
     film: str
     seconds: float
     scene: Callable[[Devices], Scene]
+    wall: Callable[[float], FloatArray | None] | None = None
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the film is long enough for changes of the wall to be learned."""
+        return self.seconds >= 60 * MINUTES
 
 
 def later(**changes: object) -> Callable[[Devices], Scene]:
@@ -70,6 +84,17 @@ def creeping(per_s: float) -> Callable[[Devices], Scene]:
         return Scene(lambda time_s: replace(before, shift=(per_s * max(time_s - CHANGE_S, 0.0), 0.0)))
 
     return scene
+
+
+def changing(
+    share: Callable[[float, tuple[int, int]], FloatArray | None],
+) -> tuple[Callable[[Devices], Scene], Callable[[float], FloatArray | None]]:
+    """Returns a scene in which something changes the light that arrives, and that change."""
+
+    def at(time_s: float) -> FloatArray | None:
+        return share(time_s - CHANGE_S, (120, 160))
+
+    return lambda before: Scene(lambda _: before, at), at
 
 
 def opened(before: Devices) -> Scene:
@@ -98,6 +123,11 @@ EVENTS = (
     Event("the camera moves by two pixels", "fades", 30, later(camera_moved=(8, 4))),
     Event("automatic exposure", "fades", 30, automatic),
     Event("the camera stands still", "fades", 30, lambda before: Scene(lambda _: before, frozen_s=CHANGE_S)),
+    *(Event(f"nothing, for {MINUTES} minutes", film, 60 * MINUTES, later()) for film in ("fades", "cuts", "dark")),
+    Event("dust: a soft spot reflects 80 %", "fades", 60 * MINUTES, *changing(dust)),
+    Event("a poster falls: a rectangle reflects 60 % of red", "fades", 60 * MINUTES, *changing(poster)),
+    Event("lamp colour: 100, 95 and 88 %", "fades", 60 * MINUTES, later(projector=Projector(lamp_colour=LAMP_COLOUR))),
+    Event("a person stands still for a minute", "fades", 60 * MINUTES, changing(standing)[0]),
 )
 
 
@@ -108,6 +138,7 @@ class Study:
         self.rig = Rig(ROOMS[name](1.0), KNOWN.devices)
         if not (folder / "room").exists():
             product.acquire(self.rig, folder, *given(KNOWN, folder))
+            product.build(folder)
         stored = calibration.read(folder / "room")
         self.room, transport = stored.calibration, read_transport(stored)
         self.tier = tier_of(self.room, transport)
@@ -115,6 +146,7 @@ class Study:
         self.drives, self.asked = _compensated(self.tier)
         inside = ndimage.binary_erosion(self.room.mask, np.ones((3, 3)), iterations=BORDER)
         self._inside = inside.ravel()
+        self._renderer = CpuRenderer(replace(read_room(folder / "room", self.tier.white), start="map"))
 
     def parts(self, film: str, time_s: float) -> tuple[int, int, float, float]:
         """Returns two pictures, the share of the second, and the brightness of a film at a time."""
@@ -124,33 +156,53 @@ class Study:
             return one, other, float(np.clip(since_s - HOLD_S + 1, 0, 1)), BRIGHT
         return (0 if film == "static" else one), 0, 0.0, (0.03 if film == "dark" else BRIGHT)
 
-    def film(self, name: str) -> Film:
-        return lambda time_s: self._mixed(self.drives, name, time_s)
+    def film(self, event: Event, gains: NDArray[np.float32] | None = None) -> Film:
+        drives = self.drives.__getitem__ if not event.lasts else cache(partial(self._played, event.film, gains))
+        return lambda time_s: self._mixed(drives, event.film, time_s)
 
     def run(self, event: Event) -> Iterator[Moment]:
-        return watched(self.view, self.rig, self.film(event.film), event.scene(KNOWN.devices), event.seconds)
+        learned = partial(self.film, event) if event.lasts else None
+        scene = event.scene(KNOWN.devices)
+        return watched(self.view, self.rig, self.film(event), scene, event.seconds, learned)
+
+    def _played(self, film: str, gains: NDArray[np.float32] | None, number: int) -> NDArray[np.float32]:
+        """Returns the drive of a picture as the player shows it in a room whose rows were scaled."""
+        bright = self.parts(film, 0.0)[3]
+        frame = radiance_frame(bright * self.asked[number] + self.room.ambient)
+        self._renderer.open(frame.format)
+        self._renderer.upload(frame)
+        self._renderer.correct(Correction((Moved.nothing(),), row_gains=gains))
+        self._renderer.render("projector", compensate=True, steps=STEPS)
+        return np.asarray(self._renderer.linear() / bright)
 
     def decibels(self, event: Event, moment: Moment) -> tuple[float, float, float]:
         """Returns the quality without corrections, with the watcher's, and with the true ones, as squared errors."""
         devices = moment.rig.devices
         N = np.eye(3)
         N[:2, 2] = devices.shift
-        true = Drift((Moved(N, np.full(3, devices.projector.lamp)),))
-        drive = self._mixed(self.drives, event.film, moment.time_s)
+        true = Drift((Moved(N, devices.projector.lamp * np.array(devices.projector.lamp_colour)),))
+        wall = None if event.wall is None else event.wall(moment.time_s)
+        share = np.ones((*self.room.camera.shape, 3)) if wall is None else wall.reshape(*self.room.camera.shape, -1)
+        share = np.broadcast_to(share, (*self.room.camera.shape, 3))
+        gains = self.view.blocks.means(share.astype(np.float32)).reshape(*self.view.shape, 3)
+        drive, plain = (self.film(event, each)(moment.time_s) for each in (None if wall is None else gains, None))
         codes = encoded(true.shown(drive, self.room.regions), self.room.response)
+        uncorrected = encoded(plain, self.room.response)
         added = moment.rig.ambient - self.rig.ambient
         found = _interpolated(moment.answer.ambient, self.room.camera.shape) * self.view.paint.astype(np.float64)
         lights = np.zeros_like(added), found.reshape(-1, 3), added
-        target = self._mixed(self.asked, event.film, moment.time_s).reshape(-1, 3) + self.room.ambient.reshape(-1, 3)
+        target = self._mixed(self.asked.__getitem__, event.film, moment.time_s).reshape(
+            -1, 3
+        ) + self.room.ambient.reshape(-1, 3)
         errors = []
-        for shown, light in zip((moment.uncorrected, moment.codes, codes), lights, strict=True):
-            seen = moment.rig.seen(shown) - light - target
+        for shown, light in zip((uncorrected, moment.codes, codes), lights, strict=True):
+            seen = share.reshape(-1, 3) * moment.rig.seen(shown) - light - target
             errors.append(10 ** (-decibels(seen[self._inside], self.tier.white) / 10))
         return errors[0], errors[1], errors[2]
 
-    def _mixed(self, pictures: NDArray[np.float32], film: str, time_s: float) -> FloatArray:
+    def _mixed(self, pictures: Callable[[int], NDArray[np.float32]], film: str, time_s: float) -> FloatArray:
         one, other, share, bright = self.parts(film, time_s)
-        return np.asarray(bright * ((1 - share) * pictures[one] + share * pictures[other]), np.float64)
+        return np.asarray(bright * ((1 - share) * pictures(one) + share * pictures(other)), np.float64)
 
 
 def row(study: Study, event: Event) -> str:
@@ -164,6 +216,8 @@ def row(study: Study, event: Event) -> str:
     middle = last[-1].drift.projectors[0].at_corners(study.room.projectors[0])[0]
     states = sorted({m.answer.state for m in moments if m.time_s > CHANGE_S})
     found = f"{middle[0]:+.3f}, {middle[1]:+.3f}; {np.mean(answer.projectors[0].gain):.3f}"
+    learned = max(float(np.any(m.row_gains != 1, axis=2).mean()) if m.row_gains is not None else 0.0 for m in moments)
+    found += f"; {100 * learned:.0f} %" if event.lasts else ""
     cells = event.name, event.film, found, f"{without:.1f}", f"{with_:.1f}", f"{known:.1f}", begun, ", ".join(states)
     return f"| {' | '.join(cells)} |"
 

@@ -26,7 +26,7 @@ from counterlight.tools.watching.cameras import WatchCamera, open_cameras
 from counterlight.tools.watching.record import Record, report
 from counterlight.tools.watching.view import RoomView
 from counterlight.tools.watching.watcher import Sight, Watcher
-from counterlight.unattended.watch_link import PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
+from counterlight.unattended.watch_link import GAINS, PAINT, Answer, Light, Message, Picture, Situation, Start, Unpacker
 
 ANSWER_S, RETRY_S, GONE_S = 0.5, 5.0, 0.1
 READ_BYTES = 1 << 20
@@ -70,6 +70,7 @@ class _Process:
         self._watcher: Watcher | None = None
         self._camera: WatchCamera | None = None
         self._trouble = self._unkept = ""
+        self._number = 0  # of the row gains in the file
         self._record = Record(Path(start.record)) if start.record else None
 
     def take(self, message: Message) -> None:
@@ -106,17 +107,26 @@ class _Process:
     def answer(self) -> None:
         """Write an answer every ANSWER_S, while the room is read less often."""
         while True:
-            with self._lock:
-                watcher = self._watcher
-                answer = watcher.answer(time.monotonic()) if watcher is not None else Answer("starting")
-            if self._trouble:
-                answer = replace(
-                    answer, state="no camera", reason=self._trouble, confidence=0.0, latency_s=0.0, rejected={}
-                )
-            answer = self._keep(answer)
+            line = self.newest().line()
             with suppress(BrokenPipeError):
-                os.write(STDOUT, answer.line())
+                os.write(STDOUT, line)
             time.sleep(ANSWER_S)
+
+    def newest(self) -> Answer:
+        """Return the answer of this moment. New row gains are in their file."""
+        with self._lock:
+            watcher = self._watcher
+            answer = watcher.answer(time.monotonic()) if watcher is not None else Answer("starting")
+            gains = watcher.row_gains() if watcher is not None and answer.row_gains != self._number else None
+        if gains is not None:
+            self._number, folder = answer.row_gains, Path(self._start.folder)
+            np.save(new := folder / f"new-{GAINS}", gains)
+            new.replace(folder / GAINS)  # the player never reads half a file
+        if self._trouble:
+            answer = replace(
+                answer, state="no camera", reason=self._trouble, confidence=0.0, latency_s=0.0, rejected={}
+            )
+        return self._keep(answer)
 
     def _keep(self, answer: Answer) -> Answer:
         """Record an answer; returns the answer, with the reason why nothing can be recorded any more."""
@@ -135,7 +145,14 @@ class _Process:
     def _see(self, view: RoomView, camera: WatchCamera) -> None:
         with self._lock:
             if self._watcher is None:
-                self._watcher = Watcher(view, camera.exposure_s, self._start.refresh_s, follows=camera.follows)
+                learned = Path(self._start.folder) / GAINS
+                self._watcher = Watcher(
+                    view,
+                    camera.exposure_s,
+                    self._start.refresh_s,
+                    follows=camera.follows,
+                    row_gains=np.load(learned) if learned.exists() else None,
+                )
             watcher = self._watcher
         self._camera, period_s, last_s = camera, 0.0, time.monotonic()
         while True:
@@ -160,4 +177,6 @@ def _messages() -> Iterator[Message]:
 
 
 if __name__ == "__main__":
-    sys.exit(run(tell) if len(sys.argv) > 1 else main())
+    if len(sys.argv) > 1:
+        sys.exit(run(tell))
+    os._exit(main())  # a usual exit aborted once in 60 times, while other threads computed

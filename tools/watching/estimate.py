@@ -83,7 +83,7 @@ class Estimate:
 
     def add(self, time_s: float, compared: Compared, change: float) -> None:
         """Take a capture; `change` is the RMS change of its picture since the previous one."""
-        share = INFORMATION * float(np.clip(change / NEW, OLD, 1))
+        share = information(change)
         self._count += 1
         held = self._count % HOLD_BACK == 0
         error, bright = COARSE * compared.coarse, max(compared.brightness, 1e-3)
@@ -198,6 +198,11 @@ class Estimate:
     def _sum(self, records: list[Record], *, held: bool) -> Evidence:
         chosen = (record.evidence for record in records if record.held is held)
         return reduce(add, chosen, Evidence.none(self.layout.size))
+
+
+def information(change: float) -> float:
+    """Return the share of a capture's evidence that counts, from the RMS change of its picture since the previous."""
+    return INFORMATION * float(np.clip(change / NEW, OLD, 1))
 
 
 def _units(layout: Layout) -> FloatArray:

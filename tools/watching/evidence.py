@@ -122,6 +122,8 @@ class Compared:
     brightness : mean of the predicted light, share of white.
     coarse : error by rounded code values, share of white.
     agreement : correlation of measured and predicted light relative to the floodlight; NaN for a flat picture.
+    predicted, weights : (blocks, 3) each. Predicted light, and the inverse of its squared error, also of blocks that
+        seem to belong to foreign objects; 0 for blocks that are not counted.
     """
 
     evidence: Evidence
@@ -131,6 +133,8 @@ class Compared:
     brightness: float
     coarse: float
     agreement: float
+    predicted: FloatArray
+    weights: FloatArray
 
 
 class Comparison:
@@ -206,7 +210,9 @@ class Comparison:
         shares = [np.mean(each[used] / (view.flood + view.ambient)[used], axis=1) for each in (measured, predicted)]
         agreement = float(np.corrcoef(*shares)[0, 1]) if shares[1].std() > FLAT else np.nan
         brightness, coarse = (float(each[used].mean() / view.white) for each in (light, noise))
-        return Compared(found, scale, outliers, gain, brightness, coarse, agreement)
+        trust = np.zeros_like(predicted)
+        trust[used] = unclipped[used, None] / (scale * sigma) ** 2
+        return Compared(found, scale, outliers, gain, brightness, coarse, agreement, predicted, trust)
 
     def misfit(self, exposed: Exposed, measured: FloatArray, theta: FloatArray) -> float:
         """Return a robust mean of the residuals, for comparing distant θ: each counts at most as much as an outlier."""

@@ -18,6 +18,7 @@ from counterlight.errors import InputError
 from counterlight.maps.chain import Chain
 from counterlight.maps.mixing import mixed
 from counterlight.maps.row_map import SparseRows
+from counterlight.pipeline.correction import block_side
 from counterlight.pipeline.shown_copies import reduced_boxes, reduced_shape
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.registration import lit
@@ -25,7 +26,6 @@ from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.transport.transport import Csr, Transport, channels, luminance, stacked
 from counterlight.unattended.watch_link import GRID
 
-MOST_BLOCKS = 5000
 FEWEST_BLOCKS = 50
 WHOLE = 0.99  # share of a block's light that must come from inside the rasters
 MASKED = 255  # value of OpenCV's masks
@@ -47,7 +47,7 @@ class Blocks:
 
     @classmethod
     def over(cls, shape: tuple[int, int]) -> "Blocks":
-        side = max(1, int(np.ceil(np.sqrt(shape[0] * shape[1] / MOST_BLOCKS))))
+        side = block_side(shape)
         return cls(side, shape[0] // side, shape[1] // side)
 
     @property

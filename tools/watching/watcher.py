@@ -11,14 +11,25 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from counterlight.arrays import FloatArray
+from counterlight.pipeline.correction import blocks_of
 from counterlight.pipeline.drift import Moved
 from counterlight.raster import Shape
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.registration import homography
-from counterlight.tools.watching.estimate import STILL_AMBIENT, STILL_LIGHT, STILL_PX, WORTH, Estimate, Found
+from counterlight.tools.watching.estimate import (
+    STILL_AMBIENT,
+    STILL_LIGHT,
+    STILL_PX,
+    WORTH,
+    Estimate,
+    Found,
+    information,
+)
 from counterlight.tools.watching.evidence import CHANNELS, FIELD, Compared, Comparison
+from counterlight.tools.watching.learning import FAINT, Learning
 from counterlight.tools.watching.timeline import Exposed, Timeline
 from counterlight.tools.watching.view import RoomView, regional, rms
 from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation, farthest_px
@@ -36,7 +47,7 @@ STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the predict
 EXPOSURES = 12  # captures from which an automatic exposure is detected
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
 GAIN = 0.5, 1.15  # limits of each projector's gain
-PX_PER_S, LIGHT_PER_S = 1.0, 0.03
+PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
 BACK_S = 10.0  # if a camera has moved or changed, the corrections of this many last seconds are reverted
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
@@ -74,9 +85,18 @@ class Watcher:
 
     exposure_s : exposure of the captures; None if unknown.
     follows : whether a capture arrives at the end of its exposure.
+    row_gains : what a previous watcher of this show has learned, in the form of `row_gains()`.
     """
 
-    def __init__(self, view: RoomView, exposure_s: float | None, refresh_s: float, *, follows: bool = False) -> None:
+    def __init__(
+        self,
+        view: RoomView,
+        exposure_s: float | None,
+        refresh_s: float,
+        *,
+        follows: bool = False,
+        row_gains: NDArray[np.float32] | None = None,
+    ) -> None:
         self._view, self._comparison = view, Comparison(view)
         self._estimate = Estimate(self._comparison.layout)
         coarse, self._region = view.coarse
@@ -91,12 +111,17 @@ class Watcher:
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
         self._capture_s = self._compared_s = -np.inf
-        self._history: deque[FloatArray] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
+        self._history: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
         self._applied = self._estimate.applied
         self._unclear_s = np.inf
         self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
         self._jumped, self._rest_s = False, SEARCH_S[0]
         self._seen: tuple[Shot, FloatArray, FloatArray | None] | None = None
+        self._learning, self._learns = Learning(view.shape, view.counted), False
+        if row_gains is not None:
+            rows, columns = view.shape
+            self._learning.restart(row_gains[:rows, :columns].reshape(-1, CHANNELS).astype(np.float64))
+        self._gains, self._number = self._learning.learned.gains, 1
 
     def light(self, light: Light) -> None:
         self._timeline.light(light)
@@ -117,7 +142,7 @@ class Watcher:
 
     def capture(self, time_s: float, shot: Shot, exposures: Exposures) -> None:
         """Take a capture that arrived at `time_s`; `exposures` converts its code values to radiance."""
-        measured = self._view.measured(exposures.radiance([shot]))
+        measured = self._view.measured(exposures.radiance([shot])) / self._learning.learned.gains
         self._capture_s, self._seen = time_s, (shot, measured, None)
         if self._stands_still(measured):
             self._rejected["identical"] += 1
@@ -142,15 +167,21 @@ class Watcher:
         """Return the correction to apply, and why."""
         state, reason = self._state(now_s)
         estimate, step_s = self._estimate, min(now_s - self._answered_s, 1.0)
-        if state in ("camera moved", "camera changed") and self._history:
-            estimate.applied = self._applied = self._history[0]  # from before the camera changed
-            self._history.clear()
+        if state in ("camera moved", "camera changed"):
+            if self._history:
+                self._applied, self._gains = self._history[0]  # from before the camera changed
+                estimate.applied = self._applied
+                self._number += 1
+                self._history.clear()
+            self._learning.restart(self._gains)
         elif now_s - self._answered_s >= FIND_EVERY_S:
-            self._history.append(self._applied)
+            self._history.append((self._applied, self._gains))
         if state == "correcting" and self._found is not None:
             estimate.applied = self._found.theta
-        if state in ("correcting", "holding"):
+        self._learns = state in ("correcting", "holding")
+        if self._learns:
             self._approach(estimate.applied, step_s)
+            self._approach_gains(step_s)
         self._answered_s = now_s
         latency = self._timeline.latency
         return Answer(
@@ -162,7 +193,17 @@ class Watcher:
             latency.latency_s if latency.known else 0.0,
             self._captures,
             dict(self._rejected),
+            self._number if np.any(self._gains != 1) else 0,
         )
+
+    def row_gains(self) -> NDArray[np.float32]:
+        """Return the applied factors of the rows of T, for the player (`Correction.row_gains`)."""
+        rows, columns = self._view.shape
+        counted = self._view.counted.reshape(rows, columns)
+        nearest = ndimage.distance_transform_edt(~counted, return_distances=False, return_indices=True)
+        gains = self._gains.reshape(rows, columns, CHANNELS)[tuple(nearest)]
+        height, width = blocks_of(self._view.room.camera.shape)
+        return np.pad(gains, ((0, height - rows), (0, width - columns), (0, 0)), mode="edge").astype(np.float32)
 
     def sight(self) -> Sight | None:
         """Return the last capture, next to its prediction by the present estimate."""
@@ -171,12 +212,14 @@ class Watcher:
         shot, measured, shown = self._seen
         if shown is None:
             return Sight(shot)
+        scale = self._learning.learned.gains / self._view.white
         both = measured, self._comparison.predicted(shown, self._estimate.theta)
-        pictures = [each.reshape(*self._view.shape, CHANNELS) / self._view.white for each in both]
+        pictures = [(scale * each).reshape(*self._view.shape, CHANNELS) for each in both]
         return Sight(shot, shown, np.concatenate(pictures, axis=1))
 
     def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
-        unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, measured)
+        gains = self._learning.learned.gains
+        unclipped, noise = self._view.blocks.unclipped(shot), _rounding(exposures, shot, gains * measured) / gains
         compared = self._comparison.compare(exposed, measured, self._estimate.theta, unclipped, noise)
         if compared.outliers < MISFITTING:
             self._rest_s = SEARCH_S[0]
@@ -193,6 +236,9 @@ class Watcher:
             return
         change = np.inf if previous is None else rms(exposed.picture - previous)
         self._estimate.add(time_s, compared, change)
+        if self._learns:
+            weights = information(change) * compared.weights
+            self._learning.add(time_s, compared.predicted, gains * measured, weights)
         if time_s - self._fitted_s >= FIND_EVERY_S:
             self._fitted_s = time_s
             self._found = self._estimate.find()
@@ -262,7 +308,10 @@ class Watcher:
         if beyond is not None:
             return beyond
         if np.array_equal(found.theta, self._estimate.applied):
-            return "holding", "nothing has changed" if min(found.known) == 1 else "the film says too little"
+            if not np.array_equal(self._gains, self._learning.learned.gains):
+                return "correcting", self._lasting() or "back to the calibration"
+            nothing = "nothing has changed" if min(found.known) == 1 else "the film says too little"
+            return "holding", self._lasting() or nothing
         if found.better < WORTH:
             return "holding", "a correction would not predict other captures better"
         places = self._comparison.layout.all_geometry
@@ -312,7 +361,18 @@ class Watcher:
         room_light = float(theta[layout.ambient].mean())
         if abs(room_light) >= STILL_AMBIENT:
             said.append(f"the room's light has changed by {room_light:.1%} of white")
-        return "; ".join(said) or "back to the calibration"
+        return "; ".join(filter(None, [*said, self._lasting()])) or "back to the calibration"
+
+    def _lasting(self) -> str:
+        """Describe what has been learned; empty for nothing."""
+        learned, counted = self._learning.learned, self._view.counted
+        light = learned.gains[counted].mean(axis=1)
+        shares = {
+            "has become darker": np.mean(light < 1 - FAINT),
+            "has become brighter": np.mean(light > 1 + FAINT),
+            "has changed too much to be corrected": learned.beyond,
+        }
+        return "; ".join(f"{share:.0%} of the view {what}" for what, share in shares.items() if share > 0.005)
 
     def _approach(self, theta: FloatArray, step_s: float) -> None:
         """Move the applied θ towards the estimated θ, at the largest allowed speed."""
@@ -323,6 +383,16 @@ class Watcher:
         if self._jumped or px > JUMP_PX:
             share, self._jumped = 1.0, False
         self._applied = self._applied + share * change
+
+    def _approach_gains(self, step_s: float) -> None:
+        """Move the applied row gains towards the learned ones."""
+        learned = self._learning.learned.gains
+        change, most = learned - self._gains, LEARNED_PER_S * step_s
+        if np.abs(change).max() <= most:
+            self._number += bool(change.any())
+            self._gains = learned
+        else:
+            self._gains, self._number = self._gains + np.clip(change, -most, most), self._number + 1
 
     def _moved(self, theta: FloatArray, number: int) -> Moved:
         device, layout = self._view.room.projectors[number], self._comparison.layout
