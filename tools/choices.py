@@ -2,7 +2,7 @@
 
 COLOURS = ("auto", "independent", "global", "pixel")  # the tiers of tools/colour/tiers.py
 SCREENS = ("camera", "projector")  # the screens of tools/joining/shared_screen.py
-OUTSIDE = ("black", "continue")  # the treatments of tools/transport/objective.py
+OUTSIDE = ("black", "dark", "continue")  # the treatments of tools/transport/objective.py
 INVERSES = ("auto", "whole", "cut", "none", "thesis")  # the inverses of tools/inverse/near_light.py
 SCHEMES = ("hierarchical", "multiplexed", "graycode")  # the schemes of tools/acquire_transport.py
 GRAYCODE_ORDERS = ("opencv", "sltk")  # the orders of tools/acquisition/captures.py

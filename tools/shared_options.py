@@ -25,7 +25,8 @@ def add_objective_options(parser: Arguments) -> None:
         "--outside",
         choices=OUTSIDE,
         default=OUTSIDE[0],
-        help="show black or a smooth continuation outside the camera's view (default black)",
+        help="outside the camera's view, show black except for pixels whose bounced light the camera sees, dark "
+        "everywhere, or a smooth continuation (default black)",
     )
     parser.add_argument(
         "--drift",

@@ -239,8 +239,9 @@ def _prior(
     options: ObjectiveOptions,
 ) -> Prior:
     d, diagonal = objective.curvature, _diagonal(objective.T, objective.weights)
-    hold = _hold(d, objective.by_far_light, objective.seen)
-    black = options.outside == "black"
+    least = 1.0 if options.outside == "dark" else BY_FAR_LIGHT
+    hold = _hold(d, objective.by_far_light, objective.seen, least)
+    black = options.outside != "continue"
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
     ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
     owner = owners(projector, regions)
@@ -268,11 +269,11 @@ def _squares(rows: SparseRows, weights: FloatArray) -> FloatArray:
     return np.stack(squares, axis=1)
 
 
-def _hold(d: FloatArray, far: FloatArray, shown: FloatArray) -> FloatArray:
+def _hold(d: FloatArray, far: FloatArray, shown: FloatArray, least: float) -> FloatArray:
     """Return the damping of each projector pixel due to low visibility, (projector pixels, 3); at most the usual d.
 
     Pixels seen directly: d (0.02 / shown)⁴. Pixels seen by far light alone: d (0.0003 / d)⁴, in shares of the usual d,
-    and at least 0.001 d: many such pixels together may brighten a room, but noise may not.
+    and at least `least` d: with 0.001, many such pixels together may brighten a room, but noise may not.
 
     far : the part of d that is far light.
     shown : visibility of each pixel.
@@ -282,7 +283,7 @@ def _hold(d: FloatArray, far: FloatArray, shown: FloatArray) -> FloatArray:
     alone = far > ALONE * d
     hardly = np.where(alone, HARDLY_LIT / np.maximum(light, TINY), HARDLY_SEEN / np.maximum(shown, TINY)[:, None])
     strength = np.minimum(hardly, LARGEST) ** FALL
-    held = np.minimum(np.where(alone, np.maximum(strength, BY_FAR_LIGHT), strength) * d, usual)
+    held = np.minimum(np.where(alone, np.maximum(strength, least), strength) * d, usual)
     return np.where(d > 0, held, usual)  # factors of a dense T may give slightly negative values
 
 
