@@ -13,9 +13,10 @@ from counterlight.errors import InputError
 from counterlight.media.medium import Border, Medium
 from counterlight.show.lookup import MOST_WAITING, LookUp
 from counterlight.show.media import Media
-from counterlight.show.programme import HURRY_S, LIST_S, LONGEST_RETRY_S, RETRY_S
+from counterlight.show.programme import HURRY_S, LIST_S
 from counterlight.show.registry import CommandError
 from counterlight.show.stats import MOST_NOTICES
+from counterlight.unattended.waiting import LONGEST_RETRY_S, RETRY_S
 from tests.stage import Reader, Stage
 
 SLOW_S = 3.0

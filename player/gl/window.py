@@ -8,7 +8,7 @@ from typing import Any
 import glfw
 import moderngl
 
-from counterlight.errors import InputError
+from counterlight.errors import AbsentError, InputError
 from counterlight.gl.context import PACKAGES
 from counterlight.gl.filling import Filling, Layer, take_keys
 from counterlight.gl.monitor_labels import MonitorLabels
@@ -403,7 +403,7 @@ def _bits_of(context: moderngl.Context) -> int:
 def _check_size(shape: tuple[int, int], monitor: Monitor) -> None:
     if (monitor.height, monitor.width) != shape:
         height, width = shape
-        raise InputError(
+        raise AbsentError(
             f"monitor {monitor.name}: {monitor.width}x{monitor.height}, the calibration is for a projector of "
             f"{width}x{height}; set its mode (xrandr --output {monitor.name} --mode {width}x{height}) or add --any-size"
         )

@@ -16,10 +16,10 @@ from counterlight.media.video import MediaReader
 from counterlight.show.lookup import LookUp
 from counterlight.show.media import Media
 from counterlight.show.playlist import Playlist, is_list
+from counterlight.unattended.waiting import retry_s
 
 LOOK_S = 0.1  # how long a command waits for the disk; later errors appear when the medium is opened
 LIST_S = 10.0  # longest time that reading a list may take
-RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
 HURRY_S = 0.25  # shortest time between starting two decoders, however many requests come
 MOST_RETURNS = 4  # number of overtaken requests that are remembered
 PLAYED_S = 5.0  # a medium that ends after this time does not count as failed
@@ -401,7 +401,7 @@ class Programme:
                 self._notice(str(error))
             self._go_on()
         elif self._lasting():
-            wait_s = min(RETRY_S * 2 ** min(self._rounds, 10), LONGEST_RETRY_S)
+            wait_s = retry_s(self._rounds)
             self._notice(f"{error}; trying again in {wait_s:g} s")
             self._failures, self._rounds = 0, self._rounds + 1
             self.playlist.position, self._open_at_s = self._first_failed, self._clock() + wait_s
