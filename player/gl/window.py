@@ -275,7 +275,8 @@ class Window:
     def _note_size(self, monitor: Monitor) -> None:
         if (monitor.height, monitor.width) != self._shape:
             found, needed = f"{monitor.width}x{monitor.height}", f"{self._shape[1]}x{self._shape[0]}"
-            self._notices.append(f"the monitor is {found}, the projector {needed}: centred, so not corrected")
+            text = "the picture is centred, and its compensation does not fit"
+            self._notices.append(f"the monitor is {found}, the projector {needed}: {text}")
 
     def _follow_monitor(self) -> None:
         """Move to the monitor's current place; report when the monitor is lost, and when the monitor is back."""

@@ -238,6 +238,8 @@ class Supervisor:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
         self._open = self._is_time()
+        if not self._open:
+            _say("closed, by its schedule: black until the show begins")
         try:
             return self._run()
         finally:
