@@ -12,6 +12,7 @@ from pathlib import Path
 from counterlight.calibration import check_order, read_projectors
 from counterlight.command import command_line, conclusion, tell, verb
 from counterlight.errors import InputError
+from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.room import Room
 from counterlight.show.command_line import read_options
@@ -24,6 +25,7 @@ from counterlight.show.remotes import open_remotes
 from counterlight.show.schedule_file import ScheduleFile
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
+from counterlight.unattended.waiting import wait_for
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
 
@@ -61,16 +63,25 @@ def _show(options: argparse.Namespace) -> None:
     check_order(options.calibration, [medium.name for medium in options.media])
     check_of(options)
     _check_outputs(options)
-    adjustments = replace(adjustments_of(options), corners=read_placement(options.calibration))
+    adjustments = adjustments_of(options)
+
+    def placed() -> Adjustments:
+        return replace(adjustments, corners=read_placement(options.calibration))
+
     if options.output:
         from counterlight.show.into_file import render
 
-        stats = render(options, lambda: _reported_room(options), adjustments)
+        stats = render(options, lambda: _reported_room(options), placed())
     else:
         _check_window(options)
         with _attached(options) as (remotes, heartbeat, farewell):
             stats = play_in_window(
-                options, _reported_room(options), adjustments, remotes=remotes, heartbeat=heartbeat, farewell=farewell
+                options,
+                wait_for(lambda: _reported_room(options), heartbeat if options.supervised else None),
+                placed(),
+                remotes=remotes,
+                heartbeat=heartbeat,
+                farewell=farewell,
             )
         action = command_line("verify", options.calibration, "--camera", "CAMERA")
         tell(conclusion(f"{options.calibration}: played {stats.frames} frames", action), sys.stdout)

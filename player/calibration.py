@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from counterlight import viewpoints
 from counterlight.arrays import brief
-from counterlight.errors import InputError
+from counterlight.errors import AbsentError, InputError
 from counterlight.files import exr
 from counterlight.files.manifest import describe_files, read_steadily, sha256_of, write_toml
 from counterlight.files.picture_files import MAX_SIDE, grey, read_picture, write_png
@@ -258,8 +258,11 @@ def read(folder: Path) -> StoredCalibration:
 def _read(folder: Path) -> StoredCalibration:
     with suppress(OSError):  # an inaccessible folder causes an error when its file is read
         if not folder.is_dir():
-            found = "a file, expected a calibration folder" if folder.exists() else "no such folder"
-            raise InputError(f"{folder}: {found}; {MAKE}")
+            if folder.exists():
+                raise InputError(f"{folder}: a file, expected a calibration folder; {MAKE}")
+            raise AbsentError(f"{folder}: no such folder; {MAKE}")
+        if next(folder.iterdir(), None) is None:  # perhaps a disk is mounted here later
+            raise AbsentError(f"{folder}: an empty folder, expected a calibration folder; {MAKE}")
     if viewpoints.is_set(folder):
         one = folder / viewpoints.FOLDER / "1"
         raise InputError(f"{folder}: a set of views, expected one calibration; name a view, as {one}")

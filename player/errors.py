@@ -1,4 +1,4 @@
-"""InputError, whose message users read; DrawingError; and functions that format messages."""
+"""InputError and AbsentError, whose messages users read; DrawingError; and functions that format messages."""
 
 import difflib
 from collections.abc import Iterable
@@ -10,6 +10,13 @@ class InputError(Exception):
     """Wrong use or bad input. The message is one line: what, where, expected and found, and what to do.
 
     A command prints it as `error: …` and ends with exit code 2 (`counterlight.command`).
+    """
+
+
+class AbsentError(InputError):
+    """A part that may still appear is missing: a screen, a monitor or its mode, a folder on a disk.
+
+    A supervised player waits for it (`counterlight.unattended.waiting`).
     """
 
 

@@ -13,9 +13,11 @@ from counterlight.errors import InputError
 from counterlight.media.medium import Border, Medium
 from counterlight.show.lookup import MOST_WAITING, LookUp
 from counterlight.show.media import Media
-from counterlight.show.programme import HURRY_S, LIST_S, LONGEST_RETRY_S, RETRY_S
+from counterlight.show.programme import HURRY_S, LIST_S
 from counterlight.show.registry import CommandError
 from counterlight.show.stats import MOST_NOTICES
+from counterlight.show.stats_page import facts
+from counterlight.unattended.waiting import LONGEST_RETRY_S, RETRY_S
 from tests.stage import Reader, Stage
 
 SLOW_S = 3.0
@@ -245,11 +247,26 @@ def test_a_lasting_show_tries_again_later_and_later_and_plays_what_has_come_back
     assert len(waits) > 6
     assert waits == pytest.approx(expected, abs=0.2)  # in steps of the simulated clock
     lines = capsys.readouterr().err.splitlines()
-    assert lines[:4] == ["x: gone", "y: gone; trying again in 1 s", "x: gone", "y: gone; trying again in 2 s"]
+    assert lines == ["x: gone", "y: gone; trying again after 1, 2, 4 … 30 s"]  # once, and not once per round
+    found = facts(stage.session)
+    assert (found["media"], found["skipped"], found["notices"]) == (2, 2, 2)
     assert not stage.session.done
     stage.readers["x"].error, stage.readers["x"].count = None, 1000
     stage.advance(LONGEST_RETRY_S + 0.1)
     assert stage.commands.get("path") == "x"
+    assert facts(stage.session)["skipped"] == 1
+
+
+def test_a_fault_that_returns_after_a_whole_play_is_reported_again(capsys: pytest.CaptureFixture[str]) -> None:
+    stage = Stage(Reader("x", error="x: gone"), Reader("y"), loop_list=True)
+    stage.advance(7.0)  # y plays three times in two seconds each
+    assert capsys.readouterr().err.splitlines() == ["x: gone"]
+    stage.readers["x"].error = None
+    stage.advance(5.0)
+    assert facts(stage.session)["skipped"] == 0
+    stage.readers["x"].error = "x: gone"
+    stage.advance(5.0)
+    assert capsys.readouterr().err.splitlines() == ["x: gone"]
 
 
 @pytest.mark.parametrize("kind", [{"loop_file": True}, {"loop_list": True}, {"lasting": True}])

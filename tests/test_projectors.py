@@ -78,7 +78,7 @@ def test_one_that_is_not_there_or_does_not_answer(monkeypatch: pytest.MonkeyPatc
         silent.listen()
         with pytest.raises(InputError, match="no answer; check its address"):
             status_of(Projector("127.0.0.1", port))
-    with pytest.raises(InputError, match=r"projector no\.such\.invalid: .*; check its address"):
+    with pytest.raises(InputError, match=r"projector no\.such\.invalid:4352: .*; check its address"):
         status_of(Projector("no.such.invalid"))
 
 

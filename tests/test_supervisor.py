@@ -4,6 +4,7 @@ import configparser
 import contextlib
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -114,7 +115,7 @@ class Show:
 
         def shown() -> bool:
             beats = self.beats()
-            return bool(beats) and beats[-1]["pid"] != other_than and beats[-1]["frames"] >= frames
+            return bool(beats) and beats[-1]["pid"] != other_than and beats[-1].get("frames", 0) >= frames
 
         self.wait(shown, "a player plays")
         return int(self.beats()[-1]["pid"])
@@ -327,6 +328,7 @@ def test_out_of_its_hours_a_show_is_black_and_projectors_are_off(
             show.process.send_signal(signal.SIGTERM)
             code, errors = show.ended()
     assert code == 130
+    assert errors.count("closed, by its schedule: black until the show begins") == 1
     assert errors.count("the show begins, by its schedule") == 2
     assert errors.count("the show ends, by its schedule: black") == 1
     assert "crash" not in errors
@@ -395,8 +397,38 @@ def test_a_medium_that_is_missing_is_waited_for(xvfb: str, room: Path, tmp_path:
     assert len({beat["pid"] for beat in show.beats()}) == 1
 
 
+def test_a_disk_and_a_screen_that_come_late_are_waited_for(
+    room: Path, film: Path, tmp_path: Path, manager: socket.socket
+) -> None:
+    """Each missing part is named once. No wait counts as a crash, and the service manager hears that the show lives."""
+    with screens.one_screen(tmp_path) as display:
+        pass
+    late = tmp_path / "disk" / "room"
+    with supervised(display, tmp_path, late, film, "--loop", "--monitor", "0") as show:
+
+        def waits_for(what: str) -> bool:
+            beats = show.beats()
+            return bool(beats) and what in beats[-1].get("waiting", "")
+
+        show.wait(lambda: waits_for(f"{late}: no such folder"), "the disk is missing")
+        show.wait(lambda: "READY" in received(manager), "the service manager hears that the show waits")
+        shutil.copytree(room, tmp_path / "copy" / "room")
+        (tmp_path / "copy").rename(tmp_path / "disk")
+        show.wait(lambda: waits_for("no screen"), "the screen is missing")
+        with screens.one_screen(tmp_path, display=display):
+            pid = show.player(frames=1)
+            assert {beat["pid"] for beat in show.beats()} == {pid}
+            show.process.send_signal(signal.SIGTERM)
+            code, errors = show.ended()
+    assert code == 130
+    assert errors.count("waiting: ") == 4  # two parts, and the end of each wait
+    assert "crash" not in errors
+
+
 def test_wrong_use_ends_it_with_one_line(xvfb: str, room: Path, film: Path, tmp_path: Path) -> None:
-    assert "no such folder" in fail("play", "--supervise", tmp_path / "none", film, **on(xvfb))
+    assert "--frobnicate" in fail("play", "--supervise", room, film, "--frobnicate", **on(xvfb))
+    names = "--monitor", "0", "--monitor", "0"
+    assert "2 named, the calibration has 1 projector" in fail("play", "--supervise", room, film, *names, **on(xvfb))
     assert "leave out --output" in fail("play", "--supervise", room, film, "--output", tmp_path / "o.png")
 
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 import glfw
 import moderngl
 
-from counterlight.errors import InputError
+from counterlight.errors import AbsentError, InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors, refuse_shared
 from counterlight.gl.window import REDRAW, Window, wait_for_events
 from counterlight.overlay.osd import Page, Pointer
@@ -140,10 +140,10 @@ def open_display(
     there : whether the windows open on these monitors; otherwise several windows open side by side as in the raster.
     bits : bits per code value, 8 or 10; None for each monitor's setting.
     """
-    chosen: Sequence[Monitor | None] = [None] * len(regions)
-    if there or fullscreen:
-        chosen = _find_all(monitors, len(regions))
-    with ExitStack() as stack:
+    with _ending_without_monitor(), ExitStack() as stack:
+        chosen: Sequence[Monitor | None] = [None] * len(regions)
+        if there or fullscreen:
+            chosen = _find_all(monitors, len(regions))
         windows: list[Window] = []
         for goal, region, monitor in zip(monitors, regions, chosen, strict=True):
             shape = region.height, region.width
@@ -166,6 +166,16 @@ def open_display(
         yield windows[0] if len(windows) == 1 else Displays(windows, regions)
 
 
+@contextmanager
+def _ending_without_monitor() -> Iterator[None]:
+    """End GLFW if a monitor is missing, because GLFW notices a new monitor only while it handles events."""
+    try:
+        yield
+    except AbsentError:
+        glfw.terminate()
+        raise
+
+
 def _without_text(page: Page | None) -> Page | None:
     """Return the part of a page that every window shows: the outline."""
     return None if page is None or page.outline is None else Page((), outline=page.outline)
@@ -181,7 +191,9 @@ def _find_all(names: Sequence[str], count: int) -> list[Monitor]:
         )
     if len(monitors) < count > 1:
         there = "; ".join(map(str, monitors)) or "none"
-        raise InputError(f"{count} projectors need as many monitors, found: {there}; connect them, or play in windows")
+        raise AbsentError(
+            f"{count} projectors need as many monitors, found: {there}; connect them, or leave out --fullscreen"
+        )
     chosen = [find_monitor(monitors, name) for name in names]
     refuse_shared(chosen)
     return chosen

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import glfw
 
 from counterlight.command import tell
-from counterlight.errors import InputError
+from counterlight.errors import AbsentError, InputError
 from counterlight.gl import x11
 from counterlight.gl.x11 import Box
 
@@ -55,15 +55,15 @@ class Monitor:
 
 
 def start_glfw() -> None:
-    """Start GLFW, or do nothing if it runs; raises InputError without a screen."""
+    """Start GLFW, or do nothing if it runs; raises AbsentError without a screen."""
     _check_server()
     with raising():
         try:
             started = glfw.init()
         except glfw.GLFWError as error:
-            raise InputError(f"no screen: {_plain(error)}; {WITHOUT_SCREEN}") from None
+            raise AbsentError(f"no screen: {_plain(error)}; {WITHOUT_SCREEN}") from None
     if not started:
-        raise InputError(f"no screen: GLFW does not start and gives no reason; {WITHOUT_SCREEN}")
+        raise AbsentError(f"no screen: GLFW does not start and gives no reason; {WITHOUT_SCREEN}")
     x11.end_in_words()
 
 
@@ -88,7 +88,7 @@ def _check_server() -> None:
 
 
 def list_monitors() -> list[Monitor]:
-    """Return the connected monitors, the primary one first, with unique names; raises InputError without a screen.
+    """Return the connected monitors, the primary one first, with unique names; raises AbsentError without a screen.
 
     Starts GLFW if needed, and leaves it running.
     """
@@ -99,20 +99,20 @@ def list_monitors() -> list[Monitor]:
             names = _unique([_text(glfw.get_monitor_name(handle)) for handle in handles])
             return [_describe(index, name, handles[index]) for index, name in enumerate(names)]
         except glfw.GLFWError as error:
-            raise InputError(
+            raise AbsentError(
                 f"the monitors cannot be listed: {_plain(error)}; unplug and replug, or try again"
             ) from None
 
 
 def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monitor:
-    """Return the monitor of that name or, failing that, of that index; raises InputError with a list of monitors."""
+    """Return the monitor of that name or, failing that, of that index; raises AbsentError with a list of monitors."""
     wanted = str(name_or_index)
     for key in ("name", "index"):
         for monitor in monitors:
             if str(getattr(monitor, key)) == wanted:
                 return monitor
     there = "; ".join(map(str, monitors)) or "none is connected"
-    raise InputError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
+    raise AbsentError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
 
 
 def refresh_s(names: str) -> float:

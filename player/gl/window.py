@@ -8,7 +8,7 @@ from typing import Any
 import glfw
 import moderngl
 
-from counterlight.errors import InputError
+from counterlight.errors import AbsentError, InputError
 from counterlight.gl.context import PACKAGES
 from counterlight.gl.filling import Filling, Layer, take_keys
 from counterlight.gl.monitor_labels import MonitorLabels
@@ -275,7 +275,8 @@ class Window:
     def _note_size(self, monitor: Monitor) -> None:
         if (monitor.height, monitor.width) != self._shape:
             found, needed = f"{monitor.width}x{monitor.height}", f"{self._shape[1]}x{self._shape[0]}"
-            self._notices.append(f"the monitor is {found}, the projector {needed}: centred, so not corrected")
+            text = "the picture is centred, and its compensation does not fit"
+            self._notices.append(f"the monitor is {found}, the projector {needed}: {text}")
 
     def _follow_monitor(self) -> None:
         """Move to the monitor's current place; report when the monitor is lost, and when the monitor is back."""
@@ -403,7 +404,7 @@ def _bits_of(context: moderngl.Context) -> int:
 def _check_size(shape: tuple[int, int], monitor: Monitor) -> None:
     if (monitor.height, monitor.width) != shape:
         height, width = shape
-        raise InputError(
+        raise AbsentError(
             f"monitor {monitor.name}: {monitor.width}x{monitor.height}, the calibration is for a projector of "
             f"{width}x{height}; set its mode (xrandr --output {monitor.name} --mode {width}x{height}) or add --any-size"
         )

@@ -101,6 +101,11 @@ class Governor:
         return max(min(self._time.steps, self._wish), self._least if self.governs else 0)
 
     @property
+    def adapts(self) -> bool:
+        """Whether the time of a frame limits its steps."""
+        return self._time is not None
+
+    @property
     def is_at_least(self) -> bool:
         """Whether a frame has the fewest possible steps."""
         return self._time is None or self.steps <= self._time.least

@@ -7,10 +7,12 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from counterlight.calibration import Device
 from counterlight.media.audio import open_audio
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
+from counterlight.raster import Region
 from counterlight.show.beginning import NO_SOUND, Showing, Sound
 from counterlight.show.compiling import compile_passes
 from counterlight.show.control import Remote
@@ -31,6 +33,7 @@ from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat
+from counterlight.unattended.waiting import wait_for
 
 if TYPE_CHECKING:
     from counterlight.gl.displays import Displays
@@ -57,7 +60,8 @@ def play_in_window(
     from counterlight.gl.renderer import WindowRenderer
 
     with ExitStack() as stack:
-        window = stack.enter_context(_display(options, room))
+        display = partial(_display, options, room.calibration.regions, room.calibration.projectors)
+        window = wait_for(lambda: stack.enter_context(display()), heartbeat if options.supervised else None)
         stack.enter_context(x11.farewell(farewell))
         session = _session(options, room, adjustments, window, stack, commanded=bool(remotes))
         del room  # a reference here would keep the room in memory after a reload
@@ -81,14 +85,16 @@ def play_in_window(
         return show.run(options.frames)
 
 
-def _display(options: argparse.Namespace, room: Room) -> AbstractContextManager["Window | Displays"]:
+def _display(
+    options: argparse.Namespace, regions: Sequence[Region], projectors: Sequence[Device]
+) -> AbstractContextManager["Window | Displays"]:
     """Open a window per projector."""
     from counterlight.gl.displays import open_display
 
     return open_display(
-        room.calibration.regions,
+        regions,
         "Counterlight",
-        monitors=names_of_monitors(options, room.calibration.projectors),
+        monitors=names_of_monitors(options, projectors),
         there=bool(monitors_of(options)),
         fullscreen=options.fullscreen,
         exact=not options.any_size,

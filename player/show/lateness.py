@@ -19,12 +19,13 @@ class Lateness:
         self._before = stats.frames, stats.dropped
         self._said = False
 
-    def advice(self, now_s: float, steps: int, every: int) -> str | None:
+    def advice(self, now_s: float, steps: int, every: int, *, adapts: bool) -> str | None:
         """Return a line, once, if too many frames were dropped and not every frame is shown.
 
         now_s : clock time.
         steps : steps of refinement per frame.
         every : n, if every n-th frame is shown.
+        adapts : whether the player chooses the steps itself, so that the user need not.
         """
         if self._said or now_s - self._began_s < WATCHED_S:
             return None
@@ -37,7 +38,7 @@ class Lateness:
         words, remedy = {
             "decode": ("decoding", "play a smaller medium, or one of a lower rate"),
             "upload": ("uploading", "play a smaller medium"),
-            "gpu": ("drawing", _lighter(steps)),
+            "gpu": ("drawing", _lighter(0 if adapts else steps)),
             "present": ("the display", "try --no-vsync, or a medium of the display's rate"),
         }[slowest]
         made = f" with {steps} step{'s' * (steps > 1)}" if steps and words == "drawing" else ""

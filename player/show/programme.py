@@ -1,7 +1,8 @@
 """Decides what plays next: the playlist, the medium that is being opened, and retries after failures.
 
-No method waits. No medium, list or remote command can end a lasting show: a medium that cannot be played is reported
-and skipped. If no medium of a list plays, the list is tried again after 1 s, 2 s, 4 s … 30 s.
+No method waits. No medium, list or remote command can end a lasting show: a medium that cannot be played is skipped.
+Each of its faults is reported once, until it plays to its end. If no medium of a list plays, the list is tried again
+after 1 s, 2 s, 4 s … 30 s.
 """
 
 import random
@@ -16,10 +17,10 @@ from counterlight.media.video import MediaReader
 from counterlight.show.lookup import LookUp
 from counterlight.show.media import Media
 from counterlight.show.playlist import Playlist, is_list
+from counterlight.unattended.waiting import LONGEST_RETRY_S, retry_s
 
 LOOK_S = 0.1  # how long a command waits for the disk; later errors appear when the medium is opened
 LIST_S = 10.0  # longest time that reading a list may take
-RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
 HURRY_S = 0.25  # shortest time between starting two decoders, however many requests come
 MOST_RETURNS = 4  # number of overtaken requests that are remembered
 PLAYED_S = 5.0  # a medium that ends after this time does not count as failed
@@ -82,12 +83,14 @@ class Programme:
         self._lasting, self._looping, self._keep = lasting, looping, keep
         self._begins_again, self.at_end = begins_again, False
         self.over, self.done, self.on = True, False, playlist.position
+        self._playing = ""  # name of the medium that has played last
         self.failure: InputError | None = None
         self._opening: Opening | None = None
         self._ahead: Opening | None = None  # the next medium, opened in advance
         # media that failed to open in advance, before that medium
         self._failed_ahead: list[tuple[Medium, InputError]] = []
         self._list: tuple[LookUp[list[Medium]], float] | None = None  # the list that is being read, and its deadline
+        self._faults: dict[str, str] = {}  # the last fault of each medium that has not played to its end since
         self._error: InputError | None = None  # why the current medium cannot be opened
         self._returns: list[_Return] = []  # one entry per request; the first entry is what plays
         self._by, self._tries = 1, 0  # direction in which a request skips failing media, and how many it has skipped
@@ -124,11 +127,12 @@ class Programme:
     def plays(self) -> None:
         """Record that the session now shows the opened medium."""
         self.at_end, self.over, self.on, self._began_s = False, False, self.playlist.position, self._clock()
-        self._returns = []
+        self._returns, self._playing = [], self.playlist.current.name
 
     def ended(self) -> None:
         """Record that the present medium has ended."""
         self.over = True
+        self._faults.pop(self._playing, None)
         if self._is_busy or self.at_end:
             return
         self._failures = self._rounds = 0
@@ -140,6 +144,12 @@ class Programme:
     def resume(self) -> None:
         """Record a seek in the medium whose end was held."""
         self.at_end = self.over = False
+
+    @property
+    def skipped(self) -> int:
+        """Number of media in the list that failed at their last turn and do not play now."""
+        playing = "" if self.over else self._playing
+        return sum(medium.name in self._faults and medium.name != playing for medium in self.playlist.media)
 
     @property
     def is_last(self) -> bool:
@@ -391,8 +401,12 @@ class Programme:
         if not self._failures:
             self._first_failed = self.playlist.position
         self._failures += 1
+        name = self.playlist.current.name
+        fresh = self._faults.get(name) != str(error)
+        self._faults[name] = str(error)
         if self._failures < len(self.playlist.media) and self.playlist.step(1):
-            self._notice(str(error))
+            if fresh:
+                self._notice(str(error))
             self._open()
         elif self._began_s > float("-inf") and not self._begins_again():
             if self._keep() == "no" and not self._lasting():
@@ -401,8 +415,9 @@ class Programme:
                 self._notice(str(error))
             self._go_on()
         elif self._lasting():
-            wait_s = min(RETRY_S * 2 ** min(self._rounds, 10), LONGEST_RETRY_S)
-            self._notice(f"{error}; trying again in {wait_s:g} s")
+            wait_s = retry_s(self._rounds)
+            if fresh:
+                self._notice(f"{error}; trying again after 1, 2, 4 … {LONGEST_RETRY_S:g} s")
             self._failures, self._rounds = 0, self._rounds + 1
             self.playlist.position, self._open_at_s = self._first_failed, self._clock() + wait_s
         else:

@@ -205,7 +205,11 @@ class Session:
         self.stats.add("upload", time.perf_counter() - start)
         self.stats.frames += 1
         self._uploaded, self._changed, self._redraws = True, True, 0
-        advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps, self.every)
+        advice = (
+            None
+            if self._lateness is None
+            else self._lateness.advice(self.clock(), self.steps, self.every, adapts=self.governor.adapts)
+        )
         if advice is not None:
             self.notice(advice)
 

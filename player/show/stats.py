@@ -41,6 +41,7 @@ class Stats:
         self.dropped = 0
         self.stalled_s = 0.0
         self.notices: list[str] = []
+        self.noticed = 0  # number of all notices
         self.facts: dict[str, Any] = {}
         self._stages: dict[str, deque[float]] = {}
         self._late_counts = [0] * len(LATE_LABELS)
@@ -71,6 +72,7 @@ class Stats:
     def notice(self, text: str) -> None:
         """Record an error that did not stop the show. Only the most recent lines are kept."""
         self.notices.append(text)
+        self.noticed += 1
         self._events.append((time.time(), text))
         del self.notices[:-MOST_NOTICES]
 

@@ -57,6 +57,7 @@ class Inbox:
 
 INTERVAL_S = 1.0
 MAX_LOG_BYTES = 16 << 20  # FILE is then renamed to FILE.1, so that a show of months does not fill the disk.
+WAITING = "waiting"  # the fact that names what a show waits for
 FACTS = "X_COUNTERLIGHT"  # systemd ignores variables that begin with X_; the supervisor reads this variable
 
 
@@ -100,7 +101,7 @@ class Heartbeat:
     A line holds `time` (Unix, seconds), `pid`, `rss_bytes`, `fps` (frames shown since the last line) and the facts.
 
     target : a file that lines are appended to, "-" for stderr, None for no lines.
-    notifier : receives READY=1 with the first beat, WATCHDOG=1 and the facts with every beat.
+    notifier : receives READY=1 with the first beat without `waiting`, WATCHDOG=1 and the facts with every beat.
     interval_s : shortest time between two beats.
     clock : seconds, monotonic.
     """
@@ -131,12 +132,14 @@ class Heartbeat:
             return
         now, frames = self._clock(), facts.get("frames")
         facts = {**facts, **self._rate(frames, now - self._told_at)}
-        self._ready |= self._notifier.send(
-            **({} if self._ready else {"READY": "1"}),
+        first = not self._ready and WAITING not in facts
+        sent = self._notifier.send(
+            **({"READY": "1"} if first else {}),
             WATCHDOG="1",
             STATUS=_status(facts),
             **{FACTS: encode(facts).decode().strip()},
         )
+        self._ready |= first and sent
         self._told_at, self._frames = now, frames
         if self._file is not None:
             self._write(encode({"time": round(time.time(), 3), "pid": os.getpid(), "rss_bytes": rss_bytes()} | facts))
@@ -187,7 +190,7 @@ def read_facts(message: Mapping[str, str]) -> dict[str, object]:
 
 
 def _status(facts: Mapping[str, object]) -> str:
-    told = (f"{name} {facts[name]}" for name in ("path", "time_pos", "fps", "dropped") if name in facts)
+    told = (f"{name} {facts[name]}" for name in (WAITING, "path", "time_pos", "fps", "dropped") if name in facts)
     return printable(", ".join(told))  # one line, whatever the file's name contains
 
 

@@ -155,8 +155,9 @@ class _Link:
 
     def _failed(self, error: OSError) -> InputError:
         reason = "no answer" if isinstance(error, TimeoutError) else error.strerror or str(error)
+        address = f"{self._projector.host}:{self._projector.port}"
         return InputError(
-            f"projector {self._projector}: {reason}; check its address, and that it may be switched on by the network"
+            f"projector {address}: {reason}; check its address, and that it may be switched on by the network"
         )
 
 

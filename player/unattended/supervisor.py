@@ -6,6 +6,7 @@ its inbox, and reports to systemd in turn. It holds no picture and no codec, so 
     crash        the player ends with a signal or an error code, or is silent for SILENCE_S
     back-off     0.1, 0.2, 0.4 … 2 s, doubled with every crash of the last WINDOW_S
     safe picture after MOST_CRASHES crashes: the show without compensation ("plain"), or black; SIGHUP tries again
+    exit code 2  during a show something is missing or damaged: no crash; back-off 1, 2, 4 … 30 s
     schedule     outside its hours the picture is black, and a show that has ended restarts at its next hours
     curtain      a process that fills the monitors with black, below a full-screen show from its start to its end
 """
@@ -26,8 +27,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from counterlight.command import BAD_INPUT, DONE, INTERRUPTED, tell
-from counterlight.unattended.heartbeat import INTERVAL_S, Inbox, Notifier, read_facts
+from counterlight.unattended.heartbeat import INTERVAL_S, WAITING, Inbox, Notifier, read_facts
 from counterlight.unattended.hours import Keeper, Schedule
+from counterlight.unattended.waiting import retry_s
 
 SILENCE_S = 3.0  # three heartbeats; with the longest back-off, the next player starts after 5 s
 START_S = 60.0  # longest time to read the maps and compile the shaders
@@ -76,7 +78,7 @@ class Place:
     _resumed: tuple[int, float] | None = None
 
     def follow(self, facts: Facts) -> None:
-        item, time_s = facts.get("playlist_pos", 0), facts.get("time_pos", 0.0)
+        item, time_s = facts.get("playlist_pos"), facts.get("time_pos")
         if isinstance(item, int) and isinstance(time_s, int | float):
             self.item, self.time_s = item, float(time_s)
 
@@ -221,7 +223,7 @@ class Supervisor:
         self._curtain, self._below = curtain, below
         # whether the show played by the schedule at the last look, and whether the show has ended since
         self._open, self._over = True, False
-        self._level = 0
+        self._level = self._refusals = 0
         self._crashes, self._place = Crashes(), Place()
         self._signal: int | None = None
         self._again = self._began = self._ready = False
@@ -236,6 +238,8 @@ class Supervisor:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
         self._open = self._is_time()
+        if not self._open:
+            _say("closed, by its schedule: black until the show begins")
         try:
             return self._run()
         finally:
@@ -257,10 +261,17 @@ class Supervisor:
             if self._is_final(code):
                 return code
             if not self._again:
-                self._rest(self._crashes.add())
+                self._rest(self._pause_s(code))
             if self._signal is not None:
                 return INTERRUPTED
             self._choose()
+
+    def _pause_s(self, code: int) -> float:
+        """Return the seconds until the next start. A part that is missing, or bad input, does not count as a crash."""
+        if code != BAD_INPUT:
+            return self._crashes.add()
+        self._refusals += 1
+        return retry_s(self._refusals - 1)
 
     @property
     def _is_black(self) -> bool:
@@ -303,9 +314,11 @@ class Supervisor:
 
     def _hear(self, child: Child) -> None:
         told = child.listen()
-        if facts := read_facts(told):
-            self._place.follow(facts)
-        self._began |= "READY" in told
+        facts = read_facts(told)
+        self._place.follow(facts)
+        if "READY" in told:
+            self._refusals = 0
+        self._began |= "READY" in told or WAITING in facts
         self._tell(told.get("STATUS", ""))
 
     def _tell(self, status: str = "") -> None:
@@ -352,7 +365,7 @@ class Supervisor:
     def _choose(self) -> None:
         """Choose the next player: the show after SIGHUP, a safer picture after too many crashes."""
         if self._again:
-            self._again, self._over, self._level = False, False, 0
+            self._again, self._over, self._level, self._refusals = False, False, 0, 0
             self._crashes.forget()
             _say("starting the player again, as told")
         elif self._crashes.too_many:
