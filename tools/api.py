@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from counterlight import calibration as calibrations
 from counterlight import memory
-from counterlight.arrays import FloatArray
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.maps import room_maps as correction
@@ -40,7 +40,7 @@ from counterlight.tools.factoring.factoring import compacted
 from counterlight.tools.linear_operator import TransportOperator
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
-from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, objective_of
 from counterlight.tools.transport.pixel_order import misreading
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, luminance
@@ -157,6 +157,21 @@ class Room:
     def tier(self) -> Tier:
         """The room in screen primaries; `str` gives its colour tier and the reason for it."""
         return tier_of(self.calibration, self.parts, self.colour)
+
+    @cached_property
+    @in_python()
+    def lit(self) -> BoolArray:
+        """The camera pixels that `solve` uses and figures refer to, (camera height, camera width).
+
+        The floodlight exceeds 1 % of its 99th percentile there. These pixels are inside the mask, or the edge of the
+        projector's picture cuts their footprint.
+        """
+        return self._objective.lit_picture(self.calibration)
+
+    @cached_property
+    def _objective(self) -> Objective:
+        """The player's objective, with weights and priors."""
+        return objective_of(self.tier.transport, self.tier.calibration, DEFAULT_AIMS, self.tier.mixing)
 
     @cached_property
     def transport(self) -> TransportOperator:
@@ -343,15 +358,14 @@ def solve(
     from counterlight.tools.solve.registry import OF_PICTURES, SOLVERS, prepare
 
     arguments.choice(solver, "solver", SOLVERS | OF_PICTURES)
-    tier = _coloured(room, colour).tier
+    coloured = _coloured(room, colour)
+    tier, objective = coloured.tier, coloured._objective
     wanted = arguments.picture(picture, room.camera, "picture", of_white=white is None)
     radiance = arguments.white(white, tier.white)
     target = wanted * radiance
     b = tier.asked(target)
-    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
-    sought, counts = objective if priors else None, objective.lit_picture(tier.calibration)
-    drive = np.clip(prepare(solver, T, counts, sought).solve(b).unclamped, 0, 1)
+    drive = np.clip(prepare(solver, T, coloured.lit, objective if priors else None).solve(b).unclamped, 0, 1)
     bound = objective.unweighted.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
     return Solution(shown, tier.seen(shown), bound.decibels, target, radiance)

@@ -174,7 +174,8 @@ def build_maps(
     observe = pack(transport.near, camera, projector)
     blurred = pack_chain(transport.blurred, camera, projector)
     bounded = inverse.chosen != "thesis"
-    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing, bounded, blurred=blurred)
+    light, lit = (correction, observe, far, undo), objective.lit_picture(calibration)
+    packed = RoomMaps(*light, white, details, further, tier.mixing, bounded, blurred=blurred, lit=lit)
     outside = _light_outside(objective, inverse, tier)
     found = None
     if further is not None:
