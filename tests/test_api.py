@@ -144,7 +144,7 @@ def test_maps_from_memory_are_those_of_the_command(room: cl.Room, tmp_path: Path
         ({"camera": (12, 15)}, "192x126 entries, expected 180 camera pixels"),
         ({"ambient": np.zeros((3, 3, 3))}, "ambient of shape"),
         ({"ambient": np.nan}, "NaN or infinity"),
-        ({"ambient": np.full((12, 16, 3), 9, np.uint8)}, "ambient of uint8: expected radiance in T's unit"),
+        ({"ambient": np.full((12, 16, 3), 9, np.uint8)}, "ambient of uint8: expected radiance in one unit"),
         (
             {"ambient": -1.0},
             "ambient light: radiance from -1 to -1, .*; subtract less darkness",

@@ -5,6 +5,7 @@ import io
 import re
 import subprocess
 import sys
+import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+import counterlight as cl
 from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.files import exr
@@ -58,7 +60,7 @@ def test_the_command_keeps_every_entry(
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     counts = ", ".join(f"{name} {matrix.nnz}" for name, matrix in zip(CHANNELS, matrices, strict=True))
-    assert re.search(rf"entries: {counts}; \d+\.\d MiB; \d+ of 117 camera pixels lit; 0 negative", ended.stdout)
+    assert re.search(rf"entries: {counts}; \d+\.\d MiB; \d+ of 117 camera pixels in the mask; 0 negative", ended.stdout)
     stored = calibration.read(tmp_path / "room")
     transport = read_transport(stored)
     for found, expected in zip(channels(transport.near), matrices, strict=True):
@@ -232,6 +234,51 @@ def test_ambient_brighter_than_the_projector_leaves_nothing_lit(
     np.save(tmp_path / "ambient.npy", np.full((*CAMERA, 3), 1e5))
     line = refusal(tmp_path, capsys, "--ambient", str(tmp_path / "ambient.npy"))
     assert "no camera pixel counts" in line
+
+
+def test_light_that_is_code_values_is_refused(
+    tmp_path: Path, matrices: list[sparse.csr_array], capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.save(tmp_path / "ambient.npy", np.full((*CAMERA, 3), 3, np.uint8))
+    assert "ambient light of uint8; expected radiance" in refusal(
+        tmp_path, capsys, "--ambient", str(tmp_path / "ambient.npy")
+    )
+    sparse.save_npz(tmp_path / "red.npz", (255 * matrices[0]).astype(np.uint8))
+    assert "red.npz: entries of uint8; expected radiance" in refusal(tmp_path, capsys)
+
+
+@pytest.mark.parametrize(
+    ("ambient", "sign", "complaint"),
+    [
+        (0.5, 1, ""),
+        (20.0, 1, "ambient light is brighter than the projector's white: 20 and .* in the median pixel of the mask"),
+        (0.0, -1, r"\d+ negative entries, set to 0, hold \d+ % as much light as the positive"),
+    ],
+)
+def test_doubtful_light_is_warned_of_alike_by_the_command_and_in_python(
+    tmp_path: Path,
+    matrices: list[sparse.csr_array],
+    capsys: pytest.CaptureFixture[str],
+    ambient: float,
+    sign: int,
+    complaint: str,
+) -> None:
+    matrices[1].data[::2] *= sign
+    sparse.save_npz(tmp_path / "green.npz", matrices[1])
+    np.save(tmp_path / "ambient.npy", np.full((*CAMERA, 3), ambient))
+    assert main(arguments(tmp_path, "--ambient", str(tmp_path / "ambient.npy"))) == 0
+    printed = capsys.readouterr().err
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        cl.Room.from_matrices(*matrices, camera=CAMERA, projector=PROJECTOR, ambient=ambient, response="srgb")
+    said = [str(each.message) for each in caught]
+    if not complaint:
+        assert (printed, said) == ("", [])
+        return
+    assert re.search(rf"^warning: .*{complaint}", printed)
+    assert len(said) == 1
+    assert re.search(complaint, said[0])
+    assert caught[0].filename == __file__
 
 
 def test_a_given_mask_is_kept(tmp_path: Path, matrices: list[sparse.csr_array], rng: np.random.Generator) -> None:

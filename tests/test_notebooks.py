@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+import counterlight as cl
 from tests import notebook
 from tests.programs import ROOT
 
@@ -21,6 +22,9 @@ def test_transport_is_measured_solved_and_compared() -> None:
         quality["scipy"], abs=0.1
     )  # both drives are judged in the true room, and solved in the measured room
     assert max(quality[name] for name in ("direct", "qr", "svd")) < quality["box"]
+    room, target = found["room"], found["target"]
+    without_noise = {name: found["decibels"](cl.solve(room, target, name).drive) for name in ("direct", "qr")}
+    assert without_noise["qr"] < without_noise["direct"]  # as the notebook explains
     T, measured = found["room"].transport, found["measured"].transport
     p = np.full((*found["room"].projector, 3), 0.5)
     np.testing.assert_allclose(measured @ p, T @ p, atol=0.02 * found["room"].white)

@@ -166,7 +166,7 @@ def test_what_a_map_takes_is_counted_in_steps() -> None:
         many = sparse.csr_array(np.tile(np.arange(pixels) < entries, (pixels, 1)).astype(np.float32))
         correction = pack_matrices([many] * 3, (side, side), (side, side))
         step_size = np.ones((side, side, 3), np.float32)
-        further = RefinementMaps(one, None, one, step_size, Prior.none((side, side)), *[step_size[..., 0]] * 3)
+        further = RefinementMaps(one, None, one, step_size, Prior.none((side, side)), *[step_size[..., 0]] * 2)
         near = RoomMaps(correction, one, None, None, 0.5, refinement=further)
         assert near.correction_in_steps == entries / 2
         both = RoomMaps(correction, one, far, far, 0.5, refinement=replace(further, far_dual=far))

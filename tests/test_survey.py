@@ -7,7 +7,6 @@ import pytest
 
 from counterlight import calibration
 from counterlight.maps import room_maps as maps
-from counterlight.maps.room_maps import RefinementMaps
 from counterlight.pipeline import survey as surveys
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.room import Room
@@ -49,8 +48,7 @@ def letters(room: Room, rng: np.random.Generator) -> np.ndarray:
 
 
 def of(room: Room, found: Snapshot) -> Shortfall:
-    assert room.maps.refinement is not None
-    return Survey(room.maps, room.white).of(found)
+    return Survey(room).of(found)
 
 
 def excess(objective: Objective, drive: np.ndarray, best: np.ndarray, b: np.ndarray) -> float:
@@ -110,7 +108,7 @@ def test_a_sample_of_squares_says_what_all_say(
     monkeypatch.setattr(surveys, "MOST_ENTRIES", 1)
     monkeypatch.setattr(surveys, "FEWEST", 6)
     assert room.maps.refinement is not None
-    survey = Survey(room.maps, room.white)
+    survey = Survey(room)
     samples = [survey.of(found) for _ in range(12)]
     assert all(0 < sample.solved <= 6 for sample in samples)
     assert np.mean([sample.decibels for sample in samples]) == pytest.approx(everything.decibels, rel=0.15)
@@ -169,10 +167,11 @@ def test_nothing_is_gained_at_the_optimum_and_nothing_where_nothing_is_lit(rng: 
     snapshot = renderer.snapshot()
     assert snapshot is not None
     assert of(room.room, snapshot).decibels == pytest.approx(0, abs=1e-4)
-    dark: RefinementMaps = replace(maps_of_room, lit=np.zeros_like(maps_of_room.lit))
-    square = unweighted(square_of(dark, (slice(0, 3), slice(0, 4))), dark.lit)
+    dark = np.zeros(maps_of_room.weights.shape, np.bool_)
+    square = unweighted(square_of(maps_of_room, (slice(0, 3), slice(0, 4))), dark)
     p = np.zeros((3, 4, 3))
     change, _ = descend(square, p, np.ones_like(p), np.zeros_like(p), TO_THE_END, MOST_STEPS)
     assert not change.any()
     assert not seen_change(square, change).any()
-    assert Survey(replace(room.room.maps, refinement=dark), room.room.white).of(snapshot).decibels == 0
+    unlit = replace(room.room, maps=replace(room.room.maps, lit=dark))
+    assert Survey(unlit).of(snapshot).decibels == 0

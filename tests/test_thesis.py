@@ -18,7 +18,7 @@ from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.near_light import THESIS_CLUSTER, InverseOptions
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Csr, channels, in_one, luminance
-from tests.programs import fail, succeed
+from tests.programs import ROOT, fail, succeed
 from tests.rooms import write_blurred_room
 
 CAMERA, PROJECTOR, CELLS = (16, 22), (13, 17), 6
@@ -106,7 +106,8 @@ def test_the_threshold_is_of_near_and_far_light_together(room: Path, rng: np.ran
 
 def test_its_maps_undo_no_far_light_and_are_played_without_a_step(room: Path) -> None:
     out = succeed("build", room, "--inverse", "thesis")
-    assert re.search(r"\nmaps: T⁺ as the thesis computes it, .*; play makes no step\n", out)
+    kept = r"\d+ connections above τ 0.001 of white cut to \d+ \(radius \d+, τ₁ [\d.]+\)"
+    assert re.search(rf"\nmaps: T⁺ as the thesis computes it, {kept}, .*; play makes no step\n", out)
     manifest = tomllib.loads((room / "correction" / "manifest.toml").read_text())
     assert manifest["options"]["inverse"] == manifest["inverse"]["chosen"] == "thesis"
     assert manifest["options"]["regularize"] == manifest["inverse"]["damping"] == 0.0
@@ -161,3 +162,12 @@ def test_one_dense_matrix_that_does_not_fit_is_refused(room: Path, monkeypatch: 
 def test_cuts_that_contradict_themselves_are_one_line(room: Path, options: list[str], complaint: str) -> None:
     assert complaint in fail("build", room, *options)
     assert not (room / "correction").exists()
+
+
+def test_the_lines_of_the_mathematics_reach_their_figure(capsys: pytest.CaptureFixture[str]) -> None:
+    block = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "mathematics.md").read_text(), re.DOTALL)
+    assert block
+    names: dict[str, np.ndarray] = {}
+    exec(compile(block[1], "docs/mathematics.md", "exec"), names)
+    assert f"# {capsys.readouterr().out.splitlines()[0]}\n" in block[1]
+    np.testing.assert_allclose(names["same"], names["drive"], atol=2e-5)  # float32 weights and sums

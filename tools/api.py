@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from counterlight import calibration as calibrations
 from counterlight import memory
-from counterlight.arrays import FloatArray
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.maps import room_maps as correction
@@ -24,7 +24,7 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.plots import panels
 from counterlight.response import TABLE_SIZE, Response, transfer_table
 from counterlight.tools import arguments
-from counterlight.tools.acquisition.matrices_room import keep_light
+from counterlight.tools.acquisition.matrices_room import brighter_ambient, keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.arguments import Shape, in_python
 from counterlight.tools.choices import (
@@ -40,9 +40,9 @@ from counterlight.tools.factoring.factoring import compacted
 from counterlight.tools.linear_operator import TransportOperator
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
-from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, objective_of
 from counterlight.tools.transport.pixel_order import misreading
-from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
+from counterlight.tools.transport.storage import check_entries, check_shape, read_transport, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, luminance
 
 if TYPE_CHECKING:
@@ -101,7 +101,8 @@ class Room:
         """Make a room from T of three channels.
 
         red, green, blue : (camera pixels, projector pixels). Anything that scipy converts to a sparse array; pixels in
-            rows from the top. Negative entries are measurement noise and are set to 0.
+            rows from the top. Negative entries are measurement noise and are set to 0, with a warning if they hold more
+            than 1 % of the light. Entries are stored as float32.
         camera, projector : (height, width). Warns if T is smooth only for swapped sizes.
         ambient : camera picture with a black projector, in T's unit of light; None for darkness.
         mask : (height, width). Camera pixels that count; None for those that the projector lights.
@@ -118,18 +119,22 @@ class Room:
         arguments.instance(name, str, "name")
         eye, lamp = Device(*camera, Response("linear")), Device(*projector, _given_or_assumed(response))
         shape = eye.pixels, lamp.pixels
-        channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
+        channels = list[Csr]()
+        for matrix, of in zip((red, green, blue), CHANNELS, strict=True):
+            channels.append(_channel(matrix, of, shape))
         transport = Transport.from_matrices(channels, camera=camera, projector=projector)
         light = arguments.radiance(0.0 if ambient is None else ambient, camera, "ambient")
         given = None if mask is None else arguments.mask(mask, camera)
-        if (doubt := misreading(transport.near, camera, projector)) is not None:
-            warnings.warn(f"{doubt.described(str)}; {READ}", stacklevel=3)
+        if (reading := misreading(transport.near, camera, projector)) is not None:
+            warnings.warn(f"{reading.described(str)}; {READ}", stacklevel=3)
         transport, _ = compacted(transport, light, factor)
         counts = directly_lit(transport, light, projector) if given is None else given
         if not counts.any():
             raise InputError(
                 "no camera pixel is lit by the projector; check ambient's unit against T's, or give a mask"
             )
+        if (doubt := brighter_ambient(transport, light, counts)) is not None:
+            warnings.warn(doubt, stacklevel=3)
         measured = None if primaries is None else _primaries(primaries, camera)
         calibration = Calibration(name, "made of matrices in Python", (lamp,), eye, light, counts, measured)
         return cls(calibration, transport, colour)
@@ -157,6 +162,21 @@ class Room:
     def tier(self) -> Tier:
         """The room in screen primaries; `str` gives its colour tier and the reason for it."""
         return tier_of(self.calibration, self.parts, self.colour)
+
+    @cached_property
+    @in_python()
+    def lit(self) -> BoolArray:
+        """The camera pixels that `solve` uses and figures refer to, (camera height, camera width).
+
+        The floodlight exceeds 1 % of its 99th percentile there. These pixels are inside the mask, or the edge of the
+        projector's picture cuts their footprint.
+        """
+        return self._objective.lit_picture(self.calibration)
+
+    @cached_property
+    def _objective(self) -> Objective:
+        """The player's objective, with weights and priors."""
+        return objective_of(self.tier.transport, self.tier.calibration, DEFAULT_AIMS, self.tier.mixing)
 
     @cached_property
     def transport(self) -> TransportOperator:
@@ -343,15 +363,14 @@ def solve(
     from counterlight.tools.solve.registry import OF_PICTURES, SOLVERS, prepare
 
     arguments.choice(solver, "solver", SOLVERS | OF_PICTURES)
-    tier = _coloured(room, colour).tier
+    coloured = _coloured(room, colour)
+    tier, objective = coloured.tier, coloured._objective
     wanted = arguments.picture(picture, room.camera, "picture", of_white=white is None)
     radiance = arguments.white(white, tier.white)
     target = wanted * radiance
     b = tier.asked(target)
-    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
-    sought, counts = objective if priors else None, objective.lit_picture(tier.calibration)
-    drive = np.clip(prepare(solver, T, counts, sought).solve(b).unclamped, 0, 1)
+    drive = np.clip(prepare(solver, T, coloured.lit, objective if priors else None).solve(b).unclamped, 0, 1)
     bound = objective.unweighted.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
     return Solution(shown, tier.seen(shown), bound.decibels, target, radiance)
@@ -438,14 +457,12 @@ def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
 
 def _channel(matrix: object, colour: str, shape: Shape) -> Csr:
     """Returns a channel of T as sparse rows, float32, without negative entries and zeros."""
-    channel = arguments.matrix(matrix, f"T of the {colour} channel")
-    if channel.shape != shape:
-        raise InputError(
-            f"T of the {colour} channel: {channel.shape[0]}x{channel.shape[1]} entries, expected {shape[0]} camera "
-            f"pixels (rows) x {shape[1]} projector pixels (columns)"
-        )
-    check_entries(channel.data, f"T of the {colour} channel")
-    keep_light(channel, f"T of the {colour} channel")
+    name = f"T of the {colour} channel"
+    channel = arguments.matrix(matrix, name)
+    check_shape(channel.shape, shape, name)
+    check_entries(channel.data, name)
+    if (doubt := keep_light(channel, name).doubt) is not None:
+        warnings.warn(f"{name}: {doubt}", stacklevel=4)
     return channel
 
 

@@ -23,6 +23,7 @@ from counterlight.calibration import RADIANCE
 from counterlight.errors import InputError, nearest, one_line, shown
 from counterlight.files.picture_files import MAX_SIDE
 from counterlight.response import TABLE_SIZE, Response, parse_response, projector_response, transfer_table
+from counterlight.tools.transport.arrays import NOT_LIGHT
 from counterlight.tools.transport.transport import Csr
 
 P = ParamSpec("P")
@@ -162,9 +163,7 @@ def radiance(values: ArrayLike, shape: Shape, name: str) -> NDArray[np.float32]:
     """Returns (height, width, 3) in the camera's unit of light; accepts the same as `picture`, except code values."""
     array = real_array(values, name)
     if array.dtype.kind in "iu" and array.ndim:
-        raise InputError(
-            f"{name} of {array.dtype}: expected radiance in T's unit, as floats; code values are not light"
-        )
+        raise InputError(f"{name} of {array.dtype}: {NOT_LIGHT}")
     return _shaped(array.astype(np.float64), shape, name).astype(np.float32)
 
 
@@ -188,6 +187,8 @@ def matrix(values: object, name: str) -> Csr:
     found: Any = values if sparse.issparse(values) else real_array(values, name)
     if len(found.shape) != 2 or found.dtype.kind not in "fiub":
         raise InputError(f"{name}: {found.dtype} of shape {found.shape}, expected real numbers in rows and columns")
+    if found.dtype in CODES:
+        raise InputError(f"{name} of {found.dtype}: {NOT_LIGHT}")
     with np.errstate(over="ignore"):  # values beyond float32 become infinite, which the caller refuses
         rows = Csr(found, dtype=np.float32, copy=True)
     rows.sum_duplicates()
@@ -223,8 +224,11 @@ def _shaped(array: FloatArray, shape: Shape, name: str) -> FloatArray:
         if array.shape == (*shape, 4):
             fix = f"; leave the fourth channel out, as {name}[..., :3]"
         raise InputError(f"{name} of shape {array.shape}, expected {expected}{fix}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} holds NaN or infinity; leave them out")
+    if len(bad := np.argwhere(~np.isfinite(array))):
+        first = f", the first at index {tuple(map(int, bad[0]))}" if array.ndim else ""
+        raise InputError(
+            f"{name}: {len(bad)} of {array.size} values are NaN or infinity{first}; repair the measurement"
+        )
     if np.abs(array).max() > RADIANCE[1]:
         raise InputError(f"{name} holds {np.abs(array).max():g}, expected at most {RADIANCE[1]:g}; use another unit")
     return np.broadcast_to(array, expected)

@@ -33,6 +33,8 @@ def main(argv: Sequence[str] | None) -> None:
         tolerance=options.tolerance,
     )
     print(f"{options.output}: {summary}")
+    for doubt in summary.doubts:
+        print(f"warning: {doubt}", file=sys.stderr)
     if summary.misreading is not None:
         described = summary.misreading.described(lambda size: f"{size[1]}x{size[0]}")
         print(f"warning: {described}; {READ}", file=sys.stderr)

@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None) -> None:
     prepare(options.scene, folder)
     room = read_room(folder, None)
     before, after, exposed = compare(room, options.folder)
-    print(f"camera view: PSNR {before:.1f} dB before, {after:.1f} dB after")
+    print(f"camera view, lit pixels: PSNR {before:.1f} dB before, {after:.1f} dB after")
     print(f"before, at the exposure of the camera that matches best: {exposed:.1f} dB")
     print(f"pictures: {options.folder / 'before.png'}, {options.folder / 'after.png'}, side by side: before_after.png")
     play(folder, options.folder)
@@ -65,7 +65,7 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
     The first PSNR is of the frame without compensation, the second of the compensated frame. The third is of the first
     frame, scaled by the one factor that matches best. All are compared with the desired picture.
     """
-    mask, white = room.calibration.mask, room.white
+    lit, white = room.lit, room.white
     quality, views, seen = [], [], []
     with headless_renderer("gl", room) as renderer, MediaReader.open(CLIP) as reader:
         reader.seek(SHOWN_AT_S)
@@ -82,11 +82,11 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
             views.append(renderer.encoded())
             desired = renderer.desired()
             seen.append(renderer.linear())
-            quality.append(camera_psnr(desired, seen[-1], mask, white))
+            quality.append(camera_psnr(desired, seen[-1], lit, white))
     with replacing_file(folder / "before_after.png") as temporary:
         write_png(temporary, np.hstack(views))
     factor = np.sum(seen[0] * desired) / np.sum(seen[0] ** 2)
-    return quality[0], quality[1], camera_psnr(desired, factor * seen[0], mask, white)
+    return quality[0], quality[1], camera_psnr(desired, factor * seen[0], lit, white)
 
 
 def play(room: Path, folder: Path) -> None:

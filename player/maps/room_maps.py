@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import plots
-from counterlight.arrays import brief
+from counterlight.arrays import BoolArray, brief
 from counterlight.calibration import RADIANCE, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.files import exr
@@ -76,7 +76,6 @@ class RefinementMaps:
     prior : prior on the drive of pixels that the camera hardly sees.
     weights : (camera height, camera width) float32. Diagonal of W.
     seen : (projector height, projector width) float32. How well the camera sees a pixel; 1 for most pixels.
-    lit : (camera height, camera width) float32. 1 for camera pixels that figures refer to, else 0.
     blurred_dual : the blurred light's BᵀW, Pᵀ, if any.
     """
 
@@ -87,7 +86,6 @@ class RefinementMaps:
     prior: Prior
     weights: NDArray[np.float32]
     seen: NDArray[np.float32]
-    lit: NDArray[np.float32]
     blurred_dual: MapChain | None = None
 
     __repr__ = brief
@@ -109,6 +107,7 @@ class RoomMaps:
     bounded : whether b is limited to 0..T·1, so that no camera pixel gets an impossible target; False for the thesis'
         method (chapter 5).
     words : None if there are none, or if they were not requested.
+    lit : (camera height, camera width). The lit camera pixels, to which figures refer; None if unknown.
     """
 
     correction: RowMap
@@ -122,6 +121,7 @@ class RoomMaps:
     bounded: bool = True
     words: RoomWords | None = None
     blurred: MapChain | None = None
+    lit: BoolArray | None = None
 
     def __repr__(self) -> str:
         mib = sum(packed.nbytes for packed in self.named().values()) / 2**20
@@ -207,9 +207,10 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
     if maps.refinement is not None:
         exr.write_plain(stage / STEP_SIZE, exr.rgb(maps.refinement.step_size))
         maps.refinement.prior.write(stage)
-        greys = {WEIGHTS: maps.refinement.weights, SEEN: maps.refinement.seen, LIT: maps.refinement.lit}
-        for name, values in greys.items():
+        for name, values in ((WEIGHTS, maps.refinement.weights), (SEEN, maps.refinement.seen)):
             exr.write_plain(stage / name, {"Y": values})
+    if maps.lit is not None:
+        exr.write_plain(stage / LIT, {"Y": maps.lit.astype(np.float32)})
     mixings.write(maps.mixing, stage)
     manifest = {
         "format": FORMAT,
@@ -263,25 +264,24 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
     files = DescribedFiles(folder, manifest.table("files").values, fix)
     sizes = _sizes(manifest, stored, refinement=refinement)
     maps = _each(sizes, lambda name, size: row_map.read(folder / name, size, files.opened))
+    camera, projector = stored.calibration.camera.shape, stored.calibration.projector.shape
+    lit = _read_positive(files, LIT, camera, "the camera")[..., 0] > 0 if LIT in files else None
     further = None
     if "dual" in maps:
-        projector, camera = stored.calibration.projector.shape, stored.calibration.camera.shape
-        weights = _read_positive(files, WEIGHTS, camera, "the camera")[..., 0]
-        lit = _read_positive(files, LIT, camera, "the camera")[..., 0] if LIT in files else weights > 0
         pictures = (
             _read_positive(files, STEP_SIZE, projector, "the projector"),
             prior.read(files, projector),
-            weights,
+            _read_positive(files, WEIGHTS, camera, "the camera")[..., 0],
             _read_positive(files, SEEN, projector, "the projector")[..., 0],
-            np.where((lit > 0) & (weights > 0), np.float32(1), np.float32(0)),
         )
         dual, blurred = (_chain(maps, name) for name in ("dual", "blurred_dual"))
         further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures, blurred)
-    mixing = mixings.read(manifest, files, stored.calibration.camera.shape)
+    mixing = mixings.read(manifest, files, camera)
     details = {key: value for key, value in values.items() if key not in ("colour", "maps", WORDS, "files")}
     bounded = manifest.truth("bounded", True)
     far, undo, blurred = (_chain(maps, name) for name in ("far", "undo", "blurred"))
-    found = RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing, bounded, blurred=blurred)
+    light = maps["."], maps["transport"], far, undo
+    found = RoomMaps(*light, white, details, further, mixing, bounded, blurred=blurred, lit=lit)
     if not words or further is None or WORDS not in manifest:
         return found
     return replace(found, words=_read_words(manifest, found, files))

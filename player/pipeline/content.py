@@ -102,13 +102,13 @@ def reachable_white(floodlight: NDArray[np.floating], mask: NDArray[np.bool_]) -
 
 
 def camera_psnr(
-    desired: NDArray[np.floating], seen: NDArray[np.floating], mask: NDArray[np.bool_], white: float
+    desired: NDArray[np.floating], seen: NDArray[np.floating], lit: NDArray[np.bool_], white: float
 ) -> float:
-    """Return the peak signal-to-noise ratio of linear camera radiance inside the mask, in dB; the peak is `white`.
+    """Return the peak signal-to-noise ratio of linear camera radiance over the lit pixels, in dB; the peak is `white`.
 
     desired, seen : (camera height, camera width, 3). PSNR = 10 log₁₀(white² / mean (seen − desired)²).
     """
-    difference = (np.asarray(seen, np.float64) - desired)[mask] / white
+    difference = (np.asarray(seen, np.float64) - desired)[lit] / white
     return psnr(float(np.mean(difference**2)))
 
 

@@ -6,6 +6,7 @@ from typing import Generic, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import BoolArray
 from counterlight.maps.room_maps import RefinementMaps
 from counterlight.passes.certificate import Gap, Weighted
 from counterlight.passes.drawing import Canvas, Picture
@@ -40,7 +41,7 @@ class Refiner(Owning, Generic[Picture]):
     """
 
     def __init__(self, device: Device[Picture], stored: StoredMaps[Picture], maps: RefinementMaps) -> None:
-        self._owner, self._device, self._maps = Owner(), device, maps
+        self._owner, self._device, self._maps, self._lit = Owner(), device, maps, stored.room.lit
         own, projector = self._owner.own, maps.dual.output_shape
         with self._owner:
             self._slope = own(_Slope(stored, maps))
@@ -86,7 +87,7 @@ class Refiner(Owning, Generic[Picture]):
     @cached_property
     def _certifier(self) -> "_Certifier[Picture]":
         """The passes of the certificate, built on first use because they hold eight pictures."""
-        return self._owner.own(_Certifier(self._device, self._maps))
+        return self._owner.own(_Certifier(self._device, self._maps, self._lit))
 
 
 class _Slope(Owning, Generic[Picture]):
@@ -120,9 +121,9 @@ class _Slope(Owning, Generic[Picture]):
 class _Certifier(Owning, Generic[Picture]):
     """Computes the unweighted error over the lit camera pixels, its gap and the light outside; sums are read back."""
 
-    def __init__(self, device: Device[Picture], maps: RefinementMaps) -> None:
+    def __init__(self, device: Device[Picture], maps: RefinementMaps, lit: BoolArray) -> None:
         (camera, projector), self._owner = (maps.weights.shape, maps.seen.shape), Owner()
-        own, lit = self._owner.own, maps.lit > 0
+        own, lit = self._owner.own, lit & (maps.weights > 0)
         unweighing = np.divide(1, maps.weights, out=np.zeros_like(maps.weights), where=lit)
         self._gap, self._weighted = (own(device.canvas((projector[0], projector[1]))) for _ in range(2))
         self._squared, self._counted = (own(device.canvas((camera[0], camera[1]))) for _ in range(2))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
-from counterlight.arrays import brief
+from counterlight.arrays import BoolArray, brief
 from counterlight.calibration import RADIANCE, Calibration
 from counterlight.errors import InputError, nearest
 from counterlight.files.manifest import read_steadily
@@ -93,6 +93,11 @@ class Room:
     def outside(self, viewpoint: Viewpoint) -> str | None:
         """Return a line about viewers beyond all views; None if there are none."""
         return None if self.places is None else self.places.outside(viewpoint)
+
+    @property
+    def lit(self) -> BoolArray:
+        """The camera pixels to which figures refer, (camera height, camera width); the mask in rooms built before."""
+        return self.calibration.mask if self.maps.lit is None else self.maps.lit
 
     @cached_property
     def mixing(self) -> Mixing:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import BoolArray
 from counterlight.maps.products import kept
 from counterlight.maps.room_maps import RefinementMaps
 from counterlight.maps.row_map import SparseRows, rows_of
@@ -71,12 +72,12 @@ def square_of(maps: RefinementMaps, part: tuple[slice, slice]) -> Square:
     )
 
 
-def unweighted(square: Square, lit: NDArray[np.floating]) -> Square:
+def unweighted(square: Square, lit: BoolArray) -> Square:
     """Return the square for the unweighted error over the lit camera pixels, with step sizes that never overshoot.
 
-    lit : (camera pixels,) of the whole picture. 1 or 0.
+    lit : (camera height, camera width).
     """
-    chosen, none = lit.ravel()[square.cameras] > 0, np.zeros_like(square.step)
+    chosen, none = lit.ravel()[square.cameras], np.zeros_like(square.step)
     scale = np.divide(1, square.trust, out=np.zeros_like(square.trust), where=chosen)
     weights, trust = square.weights * scale[square.indices, None], np.ones_like(square.trust)
     free = square._replace(damping=none, left=none, right=none, up=none, down=none)

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.maps.prior import pull
-from counterlight.maps.room_maps import RoomMaps
 from counterlight.passes.certificate import block_sum
 from counterlight.pipeline.operators import prepared
+from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.pipeline.squares import (
     MOST_STEPS,
@@ -65,12 +65,13 @@ class _Change:
 
 
 class Survey:
-    """Estimates for the pictures of one room with the maps of refinement. white : radiance of a white picture."""
+    """Estimates for the pictures of one room with the maps of refinement."""
 
-    def __init__(self, maps: RoomMaps, white: float) -> None:
-        assert maps.refinement is not None
-        self._maps, self._far = maps.refinement, prepared(maps.far)
-        self._floor = FAINTEST * white**2 * 3 * float(self._maps.lit.sum(dtype=np.float64))
+    def __init__(self, room: Room) -> None:
+        assert room.maps.refinement is not None
+        self._maps, self._far = room.maps.refinement, prepared(room.maps.far)
+        self._lit = room.lit & (self._maps.weights > 0)
+        self._floor = FAINTEST * room.white**2 * 3 * int(self._lit.sum())
         entries = block_sum(self._maps.dual.lookup[..., 2].astype(np.int64), SIDE)
         self._shape, self._entries = entries.shape, int(entries.sum() * (1 + 2 * HALO / SIDE) ** 2)
         self._whole = self._entries <= MOST_ENTRIES
@@ -112,7 +113,7 @@ class Survey:
         for each in changes:
             drive[each.outer][each.inner] = each.weight * each.change[each.inner]
         light = self._far.apply(drive)
-        own = float(np.sum(self._maps.lit[..., None] * light**2))
+        own = float(np.sum(self._lit[..., None] * light**2))
         seen = (each.square.gathered(light.reshape(-1, 3)).reshape(each.change.shape) for each in changes)
         return own + 2 * sum(each.weight * each.along(picture) for each, picture in zip(changes, seen, strict=True))
 
@@ -149,7 +150,7 @@ class Survey:
     def _square(self, part: Part) -> tuple[Square, Square]:
         """Return the square with the weights of the steps' objective, and the same square without weights."""
         sought = square_of(self._maps, part)
-        return sought, unweighted(sought, self._maps.lit)
+        return sought, unweighted(sought, self._lit)
 
     def _part(self, number: int) -> tuple[Part, Part]:
         """Return a square with its halo, and the position of the square within it."""

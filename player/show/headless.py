@@ -116,9 +116,9 @@ def render_to_file(
     sound : see open_output.
     coding : see open_output.
 
-    For the camera's view, the stats hold the mean PSNR against the target inside the mask. If the room has the maps of
-    refinement, they hold the steps and the bound on the last frame's distance from the optimum. With a promise or
-    `appraised`, they also hold the estimated distances of the last and of the worst frame.
+    For the camera's view, the stats hold the mean PSNR against the target over the lit pixels. If the room has the
+    maps of refinement, they hold the steps and the bound on the last frame's distance from the optimum. With a promise
+    or `appraised`, they also hold the estimated distances of the last and of the worst frame.
     Raises InputError if the medium breaks off; the output is then removed.
     """
     stats, quality = Stats(), list[float]()
@@ -155,7 +155,7 @@ def render_to_file(
                 stats.add(stage, seconds)
             if view == "camera":
                 desired, seen = renderer.desired(), renderer.linear()
-                quality.append(camera_psnr(desired, seen, room.calibration.mask, room.white))
+                quality.append(camera_psnr(desired, seen, room.lit, room.white))
         if stats.frames == 0:
             raise InputError(f"{reader.info.path}: no frame to render; check --start and --frames")
     stats.facts["gpu_path"] = renderer.path.to_dict()
@@ -216,8 +216,7 @@ class _Drawing:
     def _survey(self) -> "Survey | None":
         from counterlight.pipeline.survey import Survey  # imported late, because Numba takes half a second
 
-        maps = self._room.maps
-        return None if maps.refinement is None else Survey(maps, self._room.white)
+        return None if self._room.maps.refinement is None else Survey(self._room)
 
 
 def _pass_over(reader: MediaReader, count: int) -> None:

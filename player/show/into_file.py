@@ -49,7 +49,7 @@ def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustmen
         stats.facts["drift"] = room.drifted
     quality = stats.facts.get("camera_psnr_db")
     frames = "1 frame" if stats.frames == 1 else f"{stats.frames} frames"
-    result = f"{options.output}: {frames}" + (f", camera PSNR {quality:.1f} dB" if quality else "")
+    result = f"{options.output}: {frames}" + (f", camera PSNR {quality:.1f} dB over lit pixels" if quality else "")
     print(conclusion(result, _next(options)))
     return stats
 

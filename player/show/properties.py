@@ -289,7 +289,7 @@ def refining(session: Session) -> dict[str, Property]:
             costly=True,
         ),
         "psnr": Property(
-            "PSNR of the predicted camera picture against the target, in dB; null if unknown",
+            "PSNR of the predicted camera picture against the target over lit pixels, in dB; null if unknown",
             lambda: certified(psnr),
             costly=True,
         ),

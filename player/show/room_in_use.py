@@ -59,7 +59,7 @@ class RoomInUse:
         if room.maps.refinement is None:
             raise InputError(f"{self._folder}: its maps were built without what refinement needs")
         if self._survey is None or self._survey[0] is not room:
-            self._survey = room, Survey(room.maps, room.white)
+            self._survey = room, Survey(room)
         return self._survey[1].of(snapshot)
 
     @property
@@ -117,8 +117,7 @@ class RoomInUse:
 
     def psnr(self, certificate: Certificate) -> float:
         """Return 10 log₁₀(white² / mean (T p − b)²) over the lit camera pixels and their channels, in dB."""
-        assert self._seen.maps.refinement is not None  # a certificate exists only with these maps
-        values = 3 * np.count_nonzero(self._seen.maps.refinement.lit)
+        values = 3 * np.count_nonzero(self._seen.lit)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
     def pointed_at(self, points: Points, view: str) -> Points:

@@ -231,7 +231,7 @@ def refined_line(
     step_size = np.full((*projector, 3), 0.5, np.float32)
     direct, prior = local_map(projector, camera, 1, rng), Prior.none(projector)
     weights, seen = np.ones(camera, np.float32), np.ones(projector, np.float32)
-    refinement = RefinementMaps(dual, None, direct, step_size, prior, weights, seen, weights)
+    refinement = RefinementMaps(dual, None, direct, step_size, prior, weights, seen)
     room = bench_room(RoomMaps(dual, transport, None, None, 0.5, refinement=refinement), projector, camera)
     frame = radiance_frame(rng.uniform(0, 0.5, (*camera, 3)).astype(np.float32))
     found = []

@@ -33,7 +33,7 @@ def rows(folder: Path) -> Iterator[tuple[str, str, int, float, float, float, str
     room, stored = read_room(folder, None), calibration.read(folder)
     objective = objective_of(read_transport(stored), stored.calibration, DEFAULT_AIMS).unweighted
     assert room.maps.refinement is not None
-    box, survey = Box(objective, tolerance=TOLERANCE), Survey(room.maps, room.white)
+    box, survey = Box(objective, tolerance=TOLERANCE), Survey(room)
     for picture in find_pictures(PICTURES):
         radiance = (room.white * picture.at(stored.calibration.camera.shape)).astype(np.float32)
         b = (radiance - room.ambient).reshape(-1, 3).astype(np.float64)

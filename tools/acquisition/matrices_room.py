@@ -12,11 +12,13 @@ from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, compacted
-from counterlight.tools.transport.arrays import opened_array
+from counterlight.tools.transport.arrays import NOT_LIGHT, opened_array
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.pixel_order import Misreading, misreading
 from counterlight.tools.transport.storage import read_matrix, write_transport
-from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
+from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, luminance
+
+NEGLIGIBLE = 0.01  # light of negative entries that may be noise, as a share of the positive entries' light
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class MatrixFiles:
 class MatricesSummary:
     """Counts of the imported entries; the text is the command's output.
 
+    doubts : warnings, one line each.
     misreading : swapped sizes for which T looks better, if any.
     """
 
@@ -50,19 +53,18 @@ class MatricesSummary:
     size_bytes: int
     counting: int
     camera_pixels: int
-    mask_given: bool
+    doubts: tuple[str, ...]
     factoring: Factoring
     misreading: Misreading | None
 
     def __str__(self) -> str:
         channels = ", ".join(f"{name} {count}" for name, count in zip(CHANNELS, self.entries, strict=True))
-        which = "in the mask" if self.mask_given else "lit"
         negative = f"{sum(self.negative)} negative entries set to 0"
         if any(self.negative):
             negative += f" ({', '.join(f'{n} {c}' for n, c in zip(CHANNELS, self.negative, strict=True))})"
         return (
             f"entries: {channels}; {self.size_bytes / 2**20:.1f} MiB; "
-            f"{self.counting} of {self.camera_pixels} camera pixels {which}; {negative}\n{self.factoring}"
+            f"{self.counting} of {self.camera_pixels} camera pixels in the mask; {negative}\n{self.factoring}"
         )
 
 
@@ -88,6 +90,7 @@ def import_matrices_room(
         shape = camera.pixels, projector.pixels
         matrices = [read_matrix(path, shape) for path in files.matrices]
         negative = tuple(map(keep_light, matrices, files.matrices))
+        doubts = [each.doubt and f"{path}: {each.doubt}" for path, each in zip(files.matrices, negative, strict=True)]
         entries = tuple(int(matrix.nnz) for matrix in matrices)
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
         del matrices  # frees memory: they are as large as T, which may be dense
@@ -99,11 +102,11 @@ def import_matrices_room(
         calibration.write(Calibration(named, _provenance(files), (projector,), camera, ambient, mask), stage)
     return MatricesSummary(
         entries=entries,
-        negative=negative,
+        negative=tuple(each.count for each in negative),
         size_bytes=sum(path.stat().st_size for path in folder.iterdir()),
         counting=int(mask.sum()),
         camera_pixels=camera.pixels,
-        mask_given=files.mask is not None,
+        doubts=tuple(doubt for doubt in (*doubts, brighter_ambient(transport, ambient, mask)) if doubt is not None),
         factoring=factoring,
         misreading=doubt,
     )
@@ -129,28 +132,66 @@ def read_ambient(path: Path | None, camera: Device) -> NDArray[np.float32]:
 
 
 def _read_npy(path: Path, camera: Device) -> NDArray[np.float32]:
-    with opened_array(path, "no picture of this camera", "save it as float32 with numpy.save") as stored:
+    size = "x".join(map(str, camera.shape[::-1]))
+    with opened_array(path, "no picture of this camera", f"for --camera {size}, save (height, width, 3)") as stored:
         grey = len(stored.shape) == 2
+        if stored.dtype.kind in "iu":
+            raise InputError(f"{path}: ambient light of {stored.dtype}; {NOT_LIGHT}")
         picture = stored.expect("fiu", *camera.shape, *(() if grey else (3,))).read()
     with np.errstate(over="ignore"):  # values beyond float32 become infinite, which the caller refuses
         rgb = np.stack([picture] * 3, axis=-1) if grey else picture
         return rgb.astype(np.float32)
 
 
-def keep_light(matrix: Csr, where: Path | str) -> int:
-    """Remove negative entries and zeros from a channel of T in place; returns the number of negative entries.
+@dataclass(frozen=True)
+class Negative:
+    """The negative entries of a channel of T, which were set to 0.
+
+    share : their light, as a share of the positive entries' light.
+    """
+
+    count: int
+    share: float
+
+    @property
+    def doubt(self) -> str | None:
+        """A warning if the negative entries hold more light than noise does."""
+        if self.share <= NEGLIGIBLE:
+            return None
+        return (
+            f"{self.count} negative entries, set to 0, hold {100 * self.share:.2g} % as much light as the positive "
+            "entries, more than noise; check the subtraction of dark pictures, or drop entries below the noise"
+        )
+
+
+def keep_light(matrix: Csr, where: Path | str) -> Negative:
+    """Remove negative entries and zeros from a channel of T in place; returns the negative entries.
 
     Raises InputError if nothing is left.
     """
     negative = matrix.data < 0
+    count, removed = int(negative.sum()), -float(matrix.data[negative].sum(dtype=np.float64))
     matrix.data[negative] = 0
     matrix.eliminate_zeros()
-    count = int(negative.sum())
     if not matrix.nnz:
         raise InputError(
             f"{where}: no positive entry ({count} negative); the projector would light nothing in this channel"
         )
-    return count
+    return Negative(count, removed / float(matrix.data.sum(dtype=np.float64)))
+
+
+def brighter_ambient(transport: Transport, ambient: NDArray[np.floating], mask: NDArray[np.bool_]) -> str | None:
+    """Return a warning if ambient light is brighter than white in the median pixel of the mask, else None."""
+    white, dark = (
+        float(np.median(luminance(light.reshape(-1, 3))[mask.ravel()]))
+        for light in (transport.composition(), ambient.astype(np.float64))
+    )
+    if dark <= white:
+        return None
+    return (
+        f"ambient light is brighter than the projector's white: {dark:.3g} and {white:.3g} in the median pixel of the "
+        "mask; check that ambient light and T have the same unit"
+    )
 
 
 def _counting(mask: NDArray[np.bool_], path: Path | None) -> NDArray[np.bool_]:

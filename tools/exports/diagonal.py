@@ -82,7 +82,7 @@ def lost(room: Room, kept: Diagonal) -> tuple[float, float]:
     picture = on_cameras(source, room.calibration)
     target = kept.black + (room.white - kept.black) * picture
     best = solve(room, target / room.white)
-    errors = ((seen - target)[room.mask] / room.white for seen in (room.seen(kept.drive(source)), best.seen))
+    errors = ((seen - target)[room.lit] / room.white for seen in (room.seen(kept.drive(source)), best.seen))
     warped, solved = map(_decibels, errors)
     return warped, solved
 

@@ -46,8 +46,8 @@ def _write_maps(stack: ExitStack, room: Room, exact: Diagonal, mpcdi: Path | Non
         lines.append(f"{warp}: {exact.seen.shape[1]}x{exact.seen.shape[0]}, {covered:.1f} % of its pixels are seen")
     warped, best = lost(room, judged)
     lines.append(
-        f"a typical picture: {warped:.1f} dB with this warp, {best:.1f} dB with the best drive; {best - warped:.1f} dB "
-        "are lost, because only the diagonal of T remains"
+        f"a typical picture, over lit pixels: {warped:.1f} dB with this warp, {best:.1f} dB with the best drive; "
+        f"{best - warped:.1f} dB are lost, because only the diagonal of T remains"
     )
     return lines
 

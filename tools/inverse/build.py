@@ -88,7 +88,7 @@ class BuiltRoom:
         inverse, packed = self.inverse, self.maps
         mib = sum(m.nbytes for m in packed.named().values()) / 2**20
         reason = f" ({inverse.reason})" if inverse.reason else ""
-        words = f"{CHOSEN[inverse.chosen]}{reason}, {mib:.0f} MiB of maps"
+        words = f"{CHOSEN[inverse.chosen]}{reason}, {_kept(inverse)}{mib:.0f} MiB of maps"
         found = self.recommendation
         if found is None:
             return words
@@ -174,7 +174,8 @@ def build_maps(
     observe = pack(transport.near, camera, projector)
     blurred = pack_chain(transport.blurred, camera, projector)
     bounded = inverse.chosen != "thesis"
-    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing, bounded, blurred=blurred)
+    light, lit = (correction, observe, far, undo), objective.lit_picture(calibration)
+    packed = RoomMaps(*light, white, details, further, tier.mixing, bounded, blurred=blurred, lit=lit)
     outside = _light_outside(objective, inverse, tier)
     found = None
     if further is not None:
@@ -262,6 +263,17 @@ def _decomposition(inverse: Inverse) -> dict[str, Any]:
         return {}
     parameters, report = inverse.decomposition
     return {"decomposition": asdict(parameters) | asdict(report)}
+
+
+def _kept(inverse: Inverse) -> str:
+    """Return how many connections the thesis' method has kept, in words."""
+    if inverse.tau is None or inverse.decomposition is None:
+        return ""
+    parameters, report = inverse.decomposition
+    return (
+        f"{report.connections_before} connections above τ {inverse.tau:g} of white cut to {report.connections_after} "
+        f"(radius {parameters.radius:g}, τ₁ {parameters.tau_1:.3g}), "
+    )
 
 
 def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:

@@ -125,6 +125,7 @@ class Inverse:
     chosen : whole, cut, none or thesis.
     reason : why, in words, unless it was requested.
     halos : (blocks,). Halos of the windows.
+    tau : threshold of the thesis' method, as a share of white; None for other methods.
     """
 
     T_pinv: SparseRows
@@ -139,6 +140,7 @@ class Inverse:
     chosen: str = "whole"
     reason: str = ""
     halos: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    tau: float | None = None
 
     @property
     def windowed_clusters(self) -> int:
@@ -198,7 +200,7 @@ def invert_as_the_thesis(
     if tau:
         kept = Transport(T).composition()
         T = T.scaled(np.divide(transport.composition(), kept, out=np.ones_like(kept), where=kept > 0))
-    return invert_near_light(T, np.ones(camera, bool), projector, reach, white, options)
+    return replace(invert_near_light(T, np.ones(camera, bool), projector, reach, white, options), tau=tau)
 
 
 def invert_near_light(

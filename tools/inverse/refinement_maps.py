@@ -78,6 +78,5 @@ def refinement_maps(objective: Objective, camera: tuple[int, int], projector: tu
         Prior.none(projector) if prior is None else prior,
         objective.weights.astype(np.float32).reshape(camera),
         objective.seen.astype(np.float32).reshape(projector),
-        (objective.weights > 0 if objective.lit is None else objective.lit).astype(np.float32).reshape(camera),
         pack_chain(dual.blurred, projector, camera),
     )

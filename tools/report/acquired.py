@@ -177,7 +177,7 @@ def _quality(figures: dict[str, Any]) -> Section:
         ]
     for name, found in figures["predicted_psnr"].items():
         both = f"{found['by_transport']:.1f} dB, {found['with_check_error']:.1f} dB"
-        rows.append((f"{name}: best PSNR by this T, and with the check's error", both))
+        rows.append((f"{name}: best PSNR inside the mask by this T, and with the check's error", both))
     note = (
         " ".join(f"{words[0].upper()}{words[1:]}." for words in figures["warnings"])
         or "A picture with more detail than the projector can show has a low best PSNR whatever T is; a smooth "

@@ -60,7 +60,7 @@ def fill_simulated_room(scene: Scene, results: Sequence[Simulated], stage: Path)
     entries, mask = transport.near.indices.size, room.mask
     several = f"{described(room)}, " if room.screen is not None else ""
     blurring = "" if results[0].blurring is None else f"; {results[0].blurring}"
-    lit = f"{mask.sum()} of {mask.size} camera pixels lit directly"
+    lit = f"{mask.sum()} of {mask.size} camera pixels in the mask"
     return f"{several}{entries} near entries a channel, {lit}{blurring}"
 
 

@@ -1,11 +1,11 @@
-"""The quality of a picture for the camera: RMSE, PSNR, SSIM and CIEDE2000 over the camera pixels that count.
+"""The quality of a picture for the camera: RMSE, PSNR, SSIM and CIEDE2000 over the lit camera pixels.
 
 All figures compare the predicted camera picture, c = T p + e with the undecomposed T, to the desired radiance, both
 divided by the room's white level. RMSE and PSNR use linear radiance. SSIM and CIEDE2000, which model human vision,
 interpret 0..1 as linear light of sRGB's primaries (BT.709, D65), clipped to 0..1:
 
 - SSIM: Wang et al. (2004) with their Gaussian window (σ = 1.5) on sRGB code values 0..1, mean over channels and pixels;
-  outside the mask, both pictures are the desired one.
+  elsewhere, both pictures are the desired one.
 - CIEDE2000: Sharma et al. (2005), kL = kC = kH = 1, in CIE Lab under D65 (2° observer), mean over pixels.
 """
 
@@ -40,21 +40,21 @@ class Quality:
     ciede2000: float
 
 
-def measure(desired: FloatArray, seen: FloatArray, mask: NDArray[np.bool_], white: float) -> Quality:
-    """Compare radiance, (camera height, camera width, 3), inside the mask, (camera height, camera width)."""
-    wanted, found = desired / white, np.where(mask[..., None], seen, desired) / white
-    mean_square = float(np.mean((found - wanted)[mask] ** 2))
+def measure(desired: FloatArray, seen: FloatArray, lit: NDArray[np.bool_], white: float) -> Quality:
+    """Compare radiance, (camera height, camera width, 3), over the lit pixels, (camera height, camera width)."""
+    wanted, found = desired / white, np.where(lit[..., None], seen, desired) / white
+    mean_square = float(np.mean((found - wanted)[lit] ** 2))
     codes = [_srgb(picture) for picture in (wanted, found)]
     return Quality(
         rmse=float(np.sqrt(mean_square)),
         psnr=psnr(mean_square),
-        ssim=_ssim(codes[0], codes[1], mask),
-        ciede2000=float(np.mean(_colour().delta_E(_lab(wanted[mask]), _lab(found[mask]), method="CIE 2000"))),
+        ssim=_ssim(codes[0], codes[1], lit),
+        ciede2000=float(np.mean(_colour().delta_E(_lab(wanted[lit]), _lab(found[lit]), method="CIE 2000"))),
     )
 
 
-def _ssim(wanted: FloatArray, found: FloatArray, mask: NDArray[np.bool_]) -> float:
-    if min(mask.shape) < SSIM_WINDOW:
+def _ssim(wanted: FloatArray, found: FloatArray, lit: NDArray[np.bool_]) -> float:
+    if min(lit.shape) < SSIM_WINDOW:
         return float("nan")
     _, similar = structural_similarity(  # type: ignore[no-untyped-call]
         wanted,
@@ -66,7 +66,7 @@ def _ssim(wanted: FloatArray, found: FloatArray, mask: NDArray[np.bool_]) -> flo
         use_sample_covariance=False,
         full=True,
     )
-    return float(np.mean(similar[mask]))
+    return float(np.mean(similar[lit]))
 
 
 def _srgb(linear: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from counterlight.tools.study.tables import html_table, number
 
 FORMULAS = (
     "All compare what the camera sees, c = T p + e through the whole, undecomposed T with its far light, with the "
-    "desired radiance, over the camera pixels that count. RMSE and PSNR are of linear radiance relative to white. SSIM "
+    "desired radiance, over the lit camera pixels. RMSE and PSNR are of linear radiance relative to white. SSIM "
     "(Wang et al. 2004, Gaussian window, σ = 1.5) is of sRGB code values; CIEDE2000 (Sharma et al. 2005) in CIE Lab "
     "under D65. “Below the optimum” is PSNR below that of the best picture that a projector can show (box optimum, "
     "relative gap 1e-4); “certified” is the most that this can be, from the gradient at the drive, without the optimum."

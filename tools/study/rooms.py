@@ -198,7 +198,9 @@ class StudyRoom:
     def asking_for_all(self, correction: RowMap) -> RoomMaps:
         """Returns the maps for a player that shows b by one map; targets are limited to the light of full drive."""
         near, far, blurred = self._observed
-        return RoomMaps(correction, near, far, None, self.white, mixing=self.tier.mixing, blurred=blurred)
+        return RoomMaps(
+            correction, near, far, None, self.white, mixing=self.tier.mixing, blurred=blurred, lit=self.counts
+        )
 
     @cached_property
     def _observed(self) -> tuple[RowMap, MapChain | None, MapChain | None]:

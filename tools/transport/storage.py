@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.calibration import RADIANCE, REBUILD, StoredCalibration
-from counterlight.errors import InputError
+from counterlight.errors import InputError, shown
 from counterlight.files.reading import Source
 from counterlight.maps.chain import Chain
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.transport.arrays import ArrayError, Members, opened_archive
+from counterlight.tools.transport.arrays import NOT_LIGHT, ArrayError, Members, opened_archive
 from counterlight.tools.transport.sparse_files import Shape, read_compressed, read_sparse
 from counterlight.tools.transport.transport import (
     CHANNELS,
@@ -33,7 +33,7 @@ Mix = TypeVar("Mix", bound=Dense | None)
 FAR, BLURRED = "far light", "blurred light"
 MOST_CELLS = 1 << 15  # limit for far light, whose mix is dense
 MOST_BLURRED_CELLS = 1 << 28
-EXPORT = "save it with scipy.sparse.save_npz"
+EXPORT = "save it with scipy.sparse.save_npz(FILE, scipy.sparse.csr_array(T))"
 
 
 def write_transport(transport: Transport, folder: Path) -> None:
@@ -76,16 +76,25 @@ def read_matrix(source: Source, shape: Shape, fix: str = EXPORT) -> Csr:
     Raises InputError for a missing file, another layout or shape, NaN or infinity, or indices out of range.
     """
     with opened_archive(source, "no sparse matrix", fix) as arrays:
-        claimed = tuple(int(n) for n in arrays["shape"].expect("iu", 2).read())
-        if claimed != shape:
-            raise InputError(
-                f"{arrays.file}: {claimed[0]}x{claimed[1]} entries, expected {shape[0]} camera pixels (rows) x "
-                f"{shape[1]} projector pixels (columns); check --camera and --projector, or transpose it"
-            )
+        if "shape" not in arrays:
+            raise ArrayError(f"it holds arrays of numpy.savez: {', '.join(map(shown, arrays)) or 'none'}")
+        check_shape(tuple(int(n) for n in arrays["shape"].expect("iu", 2).read()), shape, arrays.file)
+        if (codes := arrays["data"].dtype).newbyteorder("=") in (np.uint8, np.uint16):
+            raise InputError(f"{arrays.file}: entries of {codes}; {NOT_LIGHT}")
         matrix = read_sparse(arrays, shape)
         matrix.sum_duplicates()
         check_entries(matrix.data, arrays.file)
         return matrix
+
+
+def check_shape(found: tuple[int, ...], expected: Shape, where: str) -> None:
+    """Raise InputError for a T of another shape."""
+    if found != expected:
+        size = "x".join(map(str, found))
+        raise InputError(
+            f"{where}: {size} entries, expected {expected[0]} camera pixels (rows) x {expected[1]} projector pixels "
+            "(columns); check --camera and --projector, or transpose it"
+        )
 
 
 def check_entries(values: NDArray[np.floating], where: str) -> None:
