@@ -126,7 +126,7 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         calibration.read(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"calibration\.toml: missing"):
+    with pytest.raises(InputError, match=r"an empty folder, expected a calibration folder"):
         calibration.read(tmp_path / "empty")
 
 

@@ -111,7 +111,21 @@ def test_a_pixel_of_less_than_no_light_is_held_like_one_that_nobody_sees() -> No
     assert prior.damping.max() < 10
 
 
-@pytest.mark.parametrize("outside", ["black", "continue"])
+@pytest.mark.parametrize(("outside", "shown"), [("black", True), ("dark", False)])
+def test_a_pixel_seen_by_bounced_light_alone_lights_up_unless_all_shall_be_dark(outside: str, *, shown: bool) -> None:
+    T = np.kron(np.eye(12), np.ones((2, 1)))
+    T[20:] = 0  # the camera sees the last two projector pixels by far light alone
+    gather = np.full((3, 1, 12), 0.1)
+    far = FarLight(dense_rows(gather), Dense(np.ones((3, 1, 1))), dense_rows(np.ones((3, 24, 1))))
+    transport = replace(transport_of(T), far=far)
+    room = calibration_of(transport, (1, 24), [(1, 12)], (T.sum(axis=1) > 0)[None])
+    objective = objective_of(transport, room, ObjectiveOptions(outside=outside))
+    drive = Box(objective).solve(np.full((24, 3), 3.0)).drive  # more light than the seen pixels give
+    assert (drive[10:].min() > 0.5) == shown
+    assert (drive[10:].max() < 0.5) != shown
+
+
+@pytest.mark.parametrize("outside", ["black", "dark", "continue"])
 def test_a_pixel_that_nobody_sees_is_dark_or_like_its_neighbours(outside: str) -> None:
     T = np.kron(np.eye(12), np.ones((2, 1)))
     T[20:] *= 0  # two projector pixels outside the view
@@ -122,7 +136,7 @@ def test_a_pixel_that_nobody_sees_is_dark_or_like_its_neighbours(outside: str) -
     b = np.where(T.sum(axis=1) > 0, 0.6, 0.0)[:, None] * np.ones(3)
     b[19] = 0.9  # the target of this trace is high
     drive = Box(objective).solve(b).drive
-    if outside == "black":
+    if outside != "continue":
         assert drive[10:].max() < 0.05
         np.testing.assert_allclose(drive[:9], 0.6, atol=0.02)  # the prior of seen pixels is below 1e-3
     else:
