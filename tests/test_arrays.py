@@ -26,7 +26,7 @@ def matrix(rng: np.random.Generator) -> sparse.csr_array:
 
 
 @pytest.mark.parametrize("form", ["csr", "csc", "coo", "dia"])
-@pytest.mark.parametrize("dtype", ["<f4", ">f8", "<f2", "<i4", "|u1", ">i2", "<f16"])
+@pytest.mark.parametrize("dtype", ["<f4", ">f8", "<f2", "<i4", ">i2", "<f16"])
 def test_every_format_of_scipy_is_read(tmp_path: Path, matrix: sparse.csr_array, form: str, dtype: str) -> None:
     whole = np.rint(100 * matrix)
     with warnings.catch_warnings():
@@ -149,7 +149,7 @@ def test_a_small_file_of_another_shape_asks_for_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="500000000x2 entries, expected 48"), little_memory():
         read_matrix(tmp_path / "T.npz", SHAPE)
     np.savez_compressed(tmp_path / "T.npz", T=np.zeros((1000, 1000)))
-    with pytest.raises(InputError, match="it has no array shape"), little_memory():
+    with pytest.raises(InputError, match=r"it holds arrays of numpy\.savez: .T."), little_memory():
         read_matrix(tmp_path / "T.npz", SHAPE)
 
 

@@ -135,6 +135,10 @@ TABLES = (
         *("docs/tables/rig.md", f"--room wall --fault {' '.join(REAL)} --steps 0", 8),
         f"{RIG} | inside (optimum), dB | blurred",
     ),
+    rigged(
+        *("docs/tables/rig.md", "--room wall defocus corner glass --fault webcam curve --steps 0", 12),
+        f"{RIG} | inside (optimum), dB | ΔE2000 (optimum) | blurred",
+    ),
     table("docs/tables/rig.md", "python -m tests.rig --coverage --fault known home", 21, "room | fault | inside, %"),
     table("docs/schemes.md", "python -m tests.studies.pictures_first --fault known", 60, "room | fault"),
     acquired("96x72, 128x96", ("corner", "folded_cards", "glass", "skull", "statuette", "two_planes", "wall"), 10),
