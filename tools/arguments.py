@@ -23,7 +23,7 @@ from counterlight.calibration import RADIANCE
 from counterlight.errors import InputError, nearest, one_line, shown
 from counterlight.files.picture_files import MAX_SIDE
 from counterlight.response import TABLE_SIZE, Response, parse_response, projector_response, transfer_table
-from counterlight.tools.transport.arrays import NOT_LIGHT
+from counterlight.tools.transport.arrays import CODES, NOT_LIGHT
 from counterlight.tools.transport.transport import Csr
 
 P = ParamSpec("P")
@@ -31,7 +31,6 @@ R = TypeVar("R")
 T = TypeVar("T")
 Shape: TypeAlias = tuple[int, int]
 
-CODES = np.uint8, np.uint16
 TOO_BRIGHT = 2.0  # a picture with a larger median, relative to white, would be almost entirely clipped
 OPTION = re.compile(r"--([a-z][a-z0-9]*(?:-[a-z0-9]+)*)")
 # Options of the commands whose argument has another name.

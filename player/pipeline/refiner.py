@@ -41,7 +41,7 @@ class Refiner(Owning, Generic[Picture]):
     """
 
     def __init__(self, device: Device[Picture], stored: StoredMaps[Picture], maps: RefinementMaps) -> None:
-        self._owner, self._device, self._maps, self._lit = Owner(), device, maps, stored.room.lit
+        self._owner, self._device, self._maps, self._room = Owner(), device, maps, stored.room
         own, projector = self._owner.own, maps.dual.output_shape
         with self._owner:
             self._slope = own(_Slope(stored, maps))
@@ -87,7 +87,7 @@ class Refiner(Owning, Generic[Picture]):
     @cached_property
     def _certifier(self) -> "_Certifier[Picture]":
         """The passes of the certificate, built on first use because they hold eight pictures."""
-        return self._owner.own(_Certifier(self._device, self._maps, self._lit))
+        return self._owner.own(_Certifier(self._device, self._maps, self._room.certified))
 
 
 class _Slope(Owning, Generic[Picture]):
@@ -123,7 +123,7 @@ class _Certifier(Owning, Generic[Picture]):
 
     def __init__(self, device: Device[Picture], maps: RefinementMaps, lit: BoolArray) -> None:
         (camera, projector), self._owner = (maps.weights.shape, maps.seen.shape), Owner()
-        own, lit = self._owner.own, lit & (maps.weights > 0)
+        own = self._owner.own
         unweighing = np.divide(1, maps.weights, out=np.zeros_like(maps.weights), where=lit)
         self._gap, self._weighted = (own(device.canvas((projector[0], projector[1]))) for _ in range(2))
         self._squared, self._counted = (own(device.canvas((camera[0], camera[1]))) for _ in range(2))

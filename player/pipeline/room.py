@@ -99,6 +99,12 @@ class Room:
         """The camera pixels to which figures refer, (camera height, camera width); the mask in rooms built before."""
         return self.calibration.mask if self.maps.lit is None else self.maps.lit
 
+    @property
+    def certified(self) -> BoolArray:
+        """The lit pixels that refinement weighs, for which its certificate holds, (camera height, camera width)."""
+        assert self.maps.refinement is not None
+        return self.lit & (self.maps.refinement.weights > 0)
+
     @cached_property
     def mixing(self) -> Mixing:
         """The maps' mixing, reduced where part of a camera pixel's light is from beyond the raster (`Drift.share`)."""

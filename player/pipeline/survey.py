@@ -70,7 +70,7 @@ class Survey:
     def __init__(self, room: Room) -> None:
         assert room.maps.refinement is not None
         self._maps, self._far = room.maps.refinement, prepared(room.maps.far)
-        self._lit = room.lit & (self._maps.weights > 0)
+        self._lit = room.certified
         self._floor = FAINTEST * room.white**2 * 3 * int(self._lit.sum())
         entries = block_sum(self._maps.dual.lookup[..., 2].astype(np.int64), SIDE)
         self._shape, self._entries = entries.shape, int(entries.sum() * (1 + 2 * HALO / SIDE) ** 2)

@@ -116,8 +116,8 @@ class RoomInUse:
         return write_placement(self._folder, corners)
 
     def psnr(self, certificate: Certificate) -> float:
-        """Return 10 log₁₀(white² / mean (T p − b)²) over the lit camera pixels and their channels, in dB."""
-        values = 3 * np.count_nonzero(self._seen.lit)
+        """Return 10 log₁₀(white² / mean (T p − b)²) over the certified pixels and their channels, in dB."""
+        values = 3 * np.count_nonzero(self._seen.certified)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
     def pointed_at(self, points: Points, view: str) -> Points:

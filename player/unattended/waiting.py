@@ -27,20 +27,20 @@ def wait_for(find: Callable[[], T], heartbeat: Heartbeat | None) -> T:
 
     heartbeat : names the present reason as `waiting`; None to call `find` only once.
     """
-    tries, told = 0, ""
+    tries, reason = 0, ""
     while True:
         try:
             found = find()
         except AbsentError as error:
             if heartbeat is None:
                 raise
-            if str(error) != told:
-                told = str(error)
-                tell(f"waiting: {told}")
-            _rest(retry_s(tries), partial(heartbeat.beat, {WAITING: told}))
+            if str(error) != reason:
+                reason = str(error)
+                tell(f"waiting: {reason}")
+            _rest(retry_s(tries), partial(heartbeat.beat, {WAITING: reason}))
             tries += 1
         else:
-            if told:
+            if reason:
                 tell("waiting: over")
             return found
 

@@ -237,6 +237,8 @@ def _acquire(
         room = _with_better_black(part, room, averaging)
     wander = replace(wander, room=room)
     measured = _run(make_scheme(room, projector), part, wander)
+    if coarse:
+        measured = replace(measured, transport=coloured_like_white(measured.transport, room))
     pattern, colours = check_pattern(projector), check_colours(projector)
     shown: list[Picture] = [white, pattern, colours] if light else [white, pattern]
     checked = part.capture(Level("floodlight and check", shown))
@@ -244,8 +246,6 @@ def _acquire(
     before, after = (room.above_black(picture) for picture in (room.floodlight, wander.steadied(checked)[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
     T, coloured, by_measured, photographs = measured.transport, None, None, tuple[Check, ...]()
-    if coarse:
-        T = coloured_like_white(T, room)
     if light:
         predicted = partial(check_coloured, room=room, codes=colours, capture=last[2], wandering=wander.is_active)
         by_measured = predicted(T, response=light.response, primaries=light.primaries)
@@ -269,7 +269,7 @@ def _acquire(
                 replace(judged(codes=codes, capture=np.asarray(seen, np.float64)), of="compensated pictures")
                 for codes, seen in zip(pictures, taken, strict=True)
             )
-    check = check_white(T if coarse else measured.transport, room, pattern, last[1], wandering=wander.is_active)
+    check = check_white(measured.transport, room, pattern, last[1], wandering=wander.is_active)
     averaged = averaging.done if averaging else None
     measured = replace(measured, transport=T)
     found = Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)

@@ -64,10 +64,21 @@ def camera_shift(before: FloatArray, after: FloatArray, counts: BoolArray) -> Ca
 
 def _relative(light: FloatArray, counts: BoolArray) -> FloatArray:
     """Returns light over the light of its surroundings, minus 1; 0 outside `counts`."""
-    weight = ndimage.gaussian_filter(counts.astype(np.float64), SURROUNDINGS)
-    around = ndimage.gaussian_filter(np.where(counts, light, 0), SURROUNDINGS) / np.maximum(weight, 1e-6)
     floor = FAINT * max(float(light[counts].max()), 1e-30)
-    return np.where(counts, light / np.maximum(around, floor) - 1, 0)
+    return np.where(counts, light / np.maximum(mean_around(light, counts, SURROUNDINGS), floor) - 1, 0)
+
+
+def mean_around(values: FloatArray, counts: BoolArray, sigma: float) -> FloatArray:
+    """Returns the mean of the counted values around each pixel, weighted by a Gaussian.
+
+    values, counts : (height, width) or (height, width, channels).
+    sigma : pixels.
+    """
+    weight, total = (
+        ndimage.gaussian_filter(each, sigma, axes=(0, 1))
+        for each in (counts.astype(np.float64), np.where(counts, values, 0))
+    )
+    return np.asarray(total / np.maximum(weight, 1e-6))
 
 
 def _descend(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray) -> tuple[FloatArray, float, float]:

@@ -31,6 +31,7 @@ MAX_BYTES = 16 << 30
 COPIES = 2  # an array as stored, and as converted to another type
 PIECE = 1 << 20
 ENCRYPTED = 1
+CODES = np.uint8, np.uint16  # types of code values
 NOT_LIGHT = "expected radiance in one unit, as floats; code values are not light"
 RATIOS = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}  # the highest ratio of a zlib stream
 HEADERS: dict[tuple[int, int], Callable[..., tuple[tuple[int, ...], bool, np.dtype[Any]]]] = {

@@ -16,7 +16,7 @@ from counterlight.errors import InputError, shown
 from counterlight.files.reading import Source
 from counterlight.maps.chain import Chain
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.transport.arrays import NOT_LIGHT, ArrayError, Members, opened_archive
+from counterlight.tools.transport.arrays import CODES, NOT_LIGHT, ArrayError, Members, opened_archive
 from counterlight.tools.transport.sparse_files import Shape, read_compressed, read_sparse
 from counterlight.tools.transport.transport import (
     CHANNELS,
@@ -79,7 +79,7 @@ def read_matrix(source: Source, shape: Shape, fix: str = EXPORT) -> Csr:
         if "shape" not in arrays:
             raise ArrayError(f"it holds arrays of numpy.savez: {', '.join(map(shown, arrays)) or 'none'}")
         check_shape(tuple(int(n) for n in arrays["shape"].expect("iu", 2).read()), shape, arrays.file)
-        if (codes := arrays["data"].dtype).newbyteorder("=") in (np.uint8, np.uint16):
+        if (codes := arrays["data"].dtype).newbyteorder("=") in CODES:
             raise InputError(f"{arrays.file}: entries of {codes}; {NOT_LIGHT}")
         matrix = read_sparse(arrays, shape)
         matrix.sum_duplicates()

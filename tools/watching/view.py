@@ -20,6 +20,7 @@ from counterlight.maps.mixing import mixed
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.correction import block_side
 from counterlight.pipeline.shown_copies import reduced_boxes, reduced_shape
+from counterlight.tools.acquisition.camera_shift import mean_around
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.registration import lit
 from counterlight.tools.colour.tiers import Tier
@@ -249,7 +250,6 @@ def _paint(floodlit: FloatArray, room: Calibration) -> NDArray[np.float16]:
         for i in range(3):
             light = floodlit[view][..., i]
             clear = light > 0.05 * np.percentile(light, 90)
-            weight = ndimage.gaussian_filter(clear.astype(np.float64), sigma)
-            around = ndimage.gaussian_filter(np.where(clear, light, 0), sigma) / np.maximum(weight, 1e-6)
+            around = mean_around(light, clear, sigma)
             found[view][..., i] = np.where(clear, np.clip(light / np.maximum(around, 1e-12), *TEXTURE), 1)
     return found.astype(np.float16)
