@@ -20,7 +20,7 @@ from tests.rig.animation import MOMENTS, animate
 from tests.rig.coverage import coverage
 from tests.rig.faults import DEFAULT, FAULTS, QUICK, Fault
 from tests.rig.films import FILMS
-from tests.rig.live import EVENTS, judged, live, table
+from tests.rig.live import EVENTS, HEADS, judged, live, row_of
 from tests.rig.rooms import ROOMS, Room
 from tests.rig.table import aligned, markdown, text_of_csv
 from tests.rig.trial import Verdict, trial
@@ -73,9 +73,10 @@ def _live(options: argparse.Namespace) -> None:
     with ExitStack() as opened:
         folder = options.keep or Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="rig-")))
         for room in options.room:
+            if not options.animation:
+                print(f"\n{room}\n\n| {' | '.join(HEADS)} |\n|{'---|' * len(HEADS)}", flush=True)
             for film in options.film:
                 for event in options.event:
-                    print(f"\n{room}, {film}: {EVENTS[event].says}", flush=True)
                     after_s = options.after or (MOMENTS if options.animation else JUDGED_S)
                     times = {"warm_s": options.warm, "after_s": after_s}
                     camera = WatchCamera(period_s=1 / options.captures)
@@ -84,7 +85,8 @@ def _live(options: argparse.Namespace) -> None:
                     if options.animation:
                         animate(show, options.animation)
                     else:
-                        print(table(list(judged(show))), flush=True)
+                        for moment in judged(show):
+                            print(row_of(EVENTS[event].says, film, moment), flush=True)
 
 
 def _sharing(faults: Sequence[Fault]) -> list[list[Fault]]:

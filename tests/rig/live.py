@@ -340,13 +340,13 @@ def _frame(rig: Rig, film: Film, seen: Seen, white: float) -> int:
     return min(near, key=misfit)
 
 
-def table(moments: Sequence[Moment]) -> str:
-    """Return the figures as a table in Markdown."""
-    rows = [
-        f"| {each.time_s:.0f} s | {each.unwatched:.2f} | {each.verified:.2f} | {each.shown:.2f} | "
-        f"{each.state.get('state', '')} | {each.state.get('reason', '')} | {each.state.get('moved_px', '')} | "
-        f"{each.state.get('gain', '')} | {each.state.get('added_light', '')} |"
-        for each in moments
-    ]
-    heads = "time", "without, dB", "after verify, dB", "watched, dB", "state", "reason", "moved px", "gain", "added"
-    return "\n".join([f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *rows])
+HEADS = "event", "film", "time", "without, dB", "after verify, dB", "watched, dB", "state", "reason", "moved px", "gain"
+
+
+def row_of(event: str, film: str, moment: Moment) -> str:
+    """Return a row of the table below `HEADS`, in Markdown."""
+    state = moment.state
+    qualities = moment.unwatched, moment.verified, moment.shown
+    cells = event, film, f"{moment.time_s:.0f} s", *(f"{each:.1f}" for each in qualities)
+    cells = *cells, *(str(state.get(key, "")) for key in ("state", "reason", "moved_px", "gain"))
+    return f"| {' | '.join(cells)} |"
