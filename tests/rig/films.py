@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 RATE = 24
+SRGB = 13  # AVCOL_TRC_IEC61966_2_1
 SECONDS = 20
 CLIP = Path(__file__).parents[2] / "calib_data" / "media" / "big_buck_bunny.mp4"
 Codes = NDArray[np.uint8]
@@ -30,6 +31,7 @@ class Film:
             stream = container.add_stream("ffv1", rate=RATE)
             stream.height, stream.width = self.frames.shape[1:3]
             stream.pix_fmt = "bgr0"
+            stream.codec_context.color_trc = SRGB  # as in the stills; players decode untagged films with BT.1886
             for codes in self.frames:
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(codes), "rgb24")))
             container.mux(stream.encode(None))

