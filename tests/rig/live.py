@@ -38,7 +38,7 @@ from tests.screens import one_screen
 LOOK_S = 0.008  # seconds between two looks at the screen
 KEPT_S = 2.0  # seconds for which displayed frames are kept
 CAPTURES = 4  # files that stay in the folder
-STEPS = 2  # steps of refinement, in the show and in its reference
+DRAWN = "--refine", "2", "--refine-from", "map", "--dither", "none"  # a frame does not depend on the frame before
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
 NEARBY = 4  # frames around the stated position that a displayed picture may show
 
@@ -261,7 +261,7 @@ def _played(
     """Play, and yield what the screen shows at each of the times."""
     height, width = rig.raster
     folder = place / "captures"
-    words = "--loop", "--osd", "off", "--white", white, "--refine", STEPS, "--dither", "none", "--fullscreen"
+    words = "--loop", "--osd", "off", "--white", white, *DRAWN, "--fullscreen"
     words = *words, "--heartbeat", place / "heartbeat", "--watch", f"folder:{folder}"
     with (
         one_screen(place, (width, height)) as display,
@@ -303,7 +303,7 @@ class Unwatched:
 
 def words_of(show: Show) -> tuple[str, ...]:
     """Returns the options with which the show was played."""
-    return "--white", str(show.white), "--refine", str(STEPS), "--dither", "none"
+    return "--white", str(show.white), *DRAWN
 
 
 def unwatched(show: Show) -> Iterator[Unwatched]:
