@@ -24,7 +24,7 @@ from counterlight.response import Response
 from counterlight.show.polled import watching_of
 from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
-from counterlight.show.watching import BURST, BURST_EVERY_S, Watching
+from counterlight.show.watching import BURST, PICTURE_EVERY_S, Bursts, Watching
 from counterlight.tools.watching.__main__ import _Process
 from counterlight.unattended import watcher
 from counterlight.unattended.watch_link import GAINS, GRID, PAINT, ROW_GAINS, Answer, Projected, Start, packed
@@ -119,7 +119,22 @@ def test_the_watcher_gets_each_frame_and_bursts_of_pictures(tmp_path: Path) -> N
     gaps = np.flatnonzero(np.diff(numbers) > 1) + 1  # there is a gap between two bursts
     assert len(gaps) >= 2
     assert np.all(np.diff(gaps) == BURST)
-    assert np.all(np.abs(np.diff([at_s[gap] for gap in gaps]) - BURST_EVERY_S) <= 0.05)  # within one frame
+    assert np.all(np.abs(np.diff([at_s[gap] for gap in gaps]) - BURST * PICTURE_EVERY_S) <= 0.05)  # within one frame
+
+
+@pytest.mark.parametrize("frames_per_s", [24, 25, 60])
+@pytest.mark.parametrize("begins_s", [0.0, 0.11])
+def test_bursts_follow_a_camera_of_five_captures_per_second(frames_per_s: int, begins_s: float) -> None:
+    bursts = Bursts((begins_s, begins_s + 0.05, 0.2))
+    shown = np.arange(0, 20, 1 / frames_per_s)
+    taken = np.array([bursts.takes(at_s) for at_s in shown])
+    assert 3.5 <= taken.mean() * frames_per_s <= 5  # pictures per second
+    exposures = begins_s + 0.2 * np.arange(1, 90)
+    frames = [
+        shown[np.searchsorted(shown, each, "right") - 1 : np.searchsorted(shown, each + 0.05)] for each in exposures
+    ]
+    seen = [np.isin(each, shown[taken]).all() for each in frames]
+    assert np.mean(seen) * 5 >= 1  # captures per second whose frames are all known
 
 
 def test_a_still_picture_is_sent_and_text_over_the_picture_is_not(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from counterlight.passes.encode import encoded
 from counterlight.pipeline.drift import Drift, Moved
+from counterlight.show.watching import Bursts
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.watching.view import RoomView
 from counterlight.tools.watching.watcher import Watcher
@@ -21,7 +22,7 @@ from tests.rig.rig import Devices, Rig
 from tests.rig.watching import Frame, WatchCamera, WatchedRoom
 
 FRAMES_PER_S = 24
-BURST, BURST_EVERY_S, ANSWER_S = 4, 0.8, 0.5
+ANSWER_S = 0.5
 KEPT = 40  # frames that a capture can still see
 Film = Callable[[float], FloatArray]
 Learned = Callable[[NDArray[np.float32]], Film]
@@ -76,6 +77,7 @@ def watched(
     seen = WatchedRoom(rig, camera, scene.devices, scene.person)
     exposures = Exposures((1.0,), room.camera.response)
     frames, drift = list[Frame](), Drift(tuple(Moved.nothing() for _ in room.regions))
+    bursts = Bursts()
     exposed_s, answered_s, shot, gains, unlearned, number_of_gains = 0.2, 0.0, None, None, film, 0
     for number in range(round(seconds * FRAMES_PER_S)):
         time_s = number / FRAMES_PER_S
@@ -85,18 +87,20 @@ def watched(
         if not frames or not np.array_equal(codes, frames[-1].codes):
             frames = [*frames[-KEPT:], Frame(time_s, codes)]
             watcher.light(Light(time_s, grid_means(copy)))
-        if number % round(BURST_EVERY_S * FRAMES_PER_S) < BURST:
+        if bursts.takes(time_s):
             watcher.picture(Picture(time_s, copy))
         while exposed_s < time_s + 1 / FRAMES_PER_S:
-            if watcher.wants(exposed_s + camera.latency_s):
+            arrived_s = exposed_s + camera.latency_s
+            if watcher.wants(arrived_s):
                 arrived_s, new = seen.capture(exposed_s, frames)
                 shot = new if shot is None or exposed_s < scene.frozen_s else shot
                 watcher.capture(arrived_s, shot, exposures)
+            watcher.arrived(arrived_s)
             exposed_s += camera.period_s
         if time_s - answered_s >= ANSWER_S:
             answered_s, answer = time_s, watcher.answer(time_s)
             yield Moment(time_s, answer, codes, encoded(drive, room.response), seen.rig_at(time_s), gains)
-            drift = drift_of(answer)
+            drift, bursts.exposes = drift_of(answer), answer.exposes
             if learned is not None and answer.row_gains != number_of_gains:
                 number_of_gains = answer.row_gains
                 gains = watcher.row_gains() if number_of_gains else None

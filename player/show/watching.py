@@ -36,7 +36,8 @@ from counterlight.unattended.watch_link import (
 )
 from counterlight.unattended.watcher import Watcher
 
-BURST, BURST_EVERY_S = 4, 0.8  # pictures of consecutive frames, and the time between two bursts
+BURST, PICTURE_EVERY_S = 4, 0.2  # most pictures of consecutive frames, and the mean time between two pictures
+SLOWEST_S = 0.1  # longest time that a frame is expected to stand
 STANDS_S = 0.2  # time on the screen after which a frame's picture is sent even between bursts
 SETTLED_S = 0.004  # time for a GPU to draw the copies, so that reading them does not wait
 KEPT_EVERY_S, MOST_KEPT = 20.0, 2160  # time between rows of the history, and most rows: twelve hours
@@ -62,7 +63,7 @@ class Watching:
         self._frozen = self._covered = self._checking = False
         self._situation = Situation()
         self._shown: _Shown | None = None
-        self._burst, self._burst_s = 0, float("-inf")
+        self._bursts = Bursts()
         self._answer, self._figures = Answer("starting"), dict[str, float]()
         self._told: dict[str, float] = {}
         self._history: deque[list[float]] = deque(maxlen=MOST_KEPT)
@@ -98,11 +99,8 @@ class Watching:
         if dark:
             self._watcher.send(Light(now_s, np.zeros((*GRID, 3), np.float32)))
         elif not self._covered:
-            if now_s - self._burst_s >= BURST_EVERY_S:
-                self._burst, self._burst_s = BURST, now_s
             copies = session.renderer.copy_shown(self._start.factor, GRID)
-            self._shown = _Shown(now_s, copies, self._burst > 0)
-            self._burst = max(self._burst - 1, 0)
+            self._shown = _Shown(now_s, copies, self._bursts.takes(now_s))
 
     def poll(self, *, checking: bool) -> None:
         """Serve the watcher. Never waits.
@@ -176,6 +174,7 @@ class Watching:
         if self._answer.state == "starting" != answer.state:
             self._send_again()
         self._answer, now_s = answer, self._session.clock()
+        self._bursts.exposes = answer.exposes
         if answer.state in FAULTS and now_s - self._told.get(answer.state, float("-inf")) >= AGAIN_S:
             self._told[answer.state] = now_s
             self._session.notice(f"watch: {answer.state}: {answer.reason}")
@@ -243,6 +242,41 @@ class Watching:
             "captures": answer.captures,
             "rejected": answer.rejected,
         }
+
+
+@dataclass
+class Bursts:
+    """Chooses the frames whose pictures the watcher gets: bursts of consecutive frames.
+
+    A burst begins with the frame that stands when an exposure begins, and ends with the exposure. If exposures are
+    unknown, bursts follow each other regularly.
+
+    exposes : as in `Answer`.
+    """
+
+    exposes: tuple[float, float, float] | tuple[()] = ()
+    _left: int = 0
+    _rests_until_s: float = float("-inf")
+    _last_s: float = float("-inf")
+
+    def takes(self, now_s: float) -> bool:
+        """Whether the picture of the frame that is shown from `now_s` on is sent."""
+        frame_s, self._last_s = min(max(now_s - self._last_s, 1e-3), SLOWEST_S), now_s
+        if not self._left and now_s >= self._rests_until_s:
+            self._left = self._needed(now_s, frame_s)
+            self._rests_until_s = now_s + PICTURE_EVERY_S * self._left
+        self._left -= (taken := self._left > 0)
+        return taken
+
+    def _needed(self, now_s: float, frame_s: float) -> int:
+        """Return how many frames from now on show all of an exposure; 0 if none begins during this frame."""
+        if not self.exposes:
+            return BURST
+        first_s, last_s, period_s = self.exposes
+        begins_s = now_s + (first_s - now_s) % period_s
+        if begins_s >= now_s + frame_s:
+            return 0
+        return min(BURST, 1 + int((begins_s + last_s - first_s - now_s) / frame_s))
 
 
 @dataclass

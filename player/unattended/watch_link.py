@@ -6,9 +6,10 @@ seconds of CLOCK_MONOTONIC, which both processes share. Both sides import this m
 """
 
 import json
+import math
 import struct
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ GRID = 6, 8  # rows and columns of `Light.grid`
 MOST_BYTES = 1 << 26  # largest message; a larger number of bytes is damage
 PAINT, GAINS = "paint.npy", "gains.npy"
 ROW_GAINS = 0.5, 1.15  # limits of the factors of the rows of T
+SHORTEST_PERIOD_S = 1e-3  # of captures
 FARTHEST, FARTHEST_PX = 0.02, 4.0  # limit of a correction: corners as a share of the longer side, at least these pixels
 STATES = (
     "starting",  # reads the calibration, or opens the camera
@@ -132,6 +134,7 @@ class Answer:
     rejected : captures that were discarded, by reason.
     row_gains : number of the learned factors of the rows of T; 0 for none. The file GAINS of Start.folder holds the
         newest ones, float32, also for the next watcher (`counterlight.pipeline.correction.Correction`).
+    exposes : begin and end of the next exposure, and the period of the captures, in seconds; empty if unknown.
     """
 
     state: str
@@ -143,6 +146,7 @@ class Answer:
     captures: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
     row_gains: int = 0
+    exposes: tuple[float, float, float] | tuple[()] = ()
 
     def line(self) -> bytes:
         return encode(asdict(self))
@@ -154,6 +158,7 @@ class Answer:
             values = json.loads(line)
             values["projectors"] = tuple(Projected(**each) for each in values["projectors"])
             answer = cls(**values)
+            answer = replace(answer, exposes=_exposure(answer.exposes) if answer.exposes else ())
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"no answer: {error}") from None
         if answer.state not in STATES:
@@ -196,6 +201,13 @@ class Unpacker:
 def farthest_px(shape: tuple[int, int]) -> float:
     """Return how far the corners of a projector's picture may be corrected."""
     return max(FARTHEST * max(shape), FARTHEST_PX)
+
+
+def _exposure(values: Iterable[Any]) -> tuple[float, float, float]:
+    first_s, last_s, period_s = map(float, values)
+    if not (math.isfinite(first_s) and first_s <= last_s < math.inf and SHORTEST_PERIOD_S <= period_s < math.inf):
+        raise ValueError(f"an exposure from {first_s} to {last_s} s, every {period_s} s")
+    return first_s, last_s, period_s
 
 
 def _start(values: dict[str, Any], _: bytes) -> Start:

@@ -164,6 +164,8 @@ class _Process:
                     watcher.capture(arrived_s, shot, camera.exposures)
             else:
                 arrived_s = camera.skip()
+            with self._lock:
+                watcher.arrived(arrived_s)
             between_s = min(max(arrived_s - last_s, 0.0), 0.2)
             period_s = 0.9 * period_s + 0.1 * between_s if period_s else between_s
             self._trouble, last_s = "", arrived_s

@@ -32,8 +32,17 @@ from counterlight.tools.watching.evidence import CHANNELS, FIELD, Compared, Comp
 from counterlight.tools.watching.learning import FAINT, Learning
 from counterlight.tools.watching.timeline import Exposed, Timeline
 from counterlight.tools.watching.view import RoomView, regional, rms
-from counterlight.unattended.watch_link import Answer, Light, Picture, Projected, Situation, farthest_px
+from counterlight.unattended.watch_link import (
+    SHORTEST_PERIOD_S,
+    Answer,
+    Light,
+    Picture,
+    Projected,
+    Situation,
+    farthest_px,
+)
 
+ARRIVALS = 6  # captures from which their period is known
 LATENCY_EVERY_S = 2.0, 8.0  # seconds between estimates of the latency: while it is unknown, and once it is known
 FIND_EVERY_S = 0.5
 OFTEN_S, PIXEL_S = 0.15, 3.5e-6  # least time between compared captures, also per reduced pixel: a fifth of a core
@@ -111,6 +120,7 @@ class Watcher:
         self._found: Found | None = None
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
         self._capture_s = self._compared_s = -np.inf
+        self._arrivals: deque[float] = deque(maxlen=ARRIVALS)
         self._history: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
         self._applied = self._estimate.applied
         self._unclear_s = np.inf
@@ -132,6 +142,10 @@ class Watcher:
 
     def situation(self, situation: Situation) -> None:
         self._situation = situation
+
+    def arrived(self, time_s: float) -> None:
+        """Take note of a capture, also of one that is not taken."""
+        self._arrivals.append(time_s)
 
     def wants(self, time_s: float) -> bool:
         """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
@@ -194,6 +208,7 @@ class Watcher:
             self._captures,
             dict(self._rejected),
             self._number if np.any(self._gains != 1) else 0,
+            self._exposes(),
         )
 
     def row_gains(self) -> NDArray[np.float32]:
@@ -216,6 +231,14 @@ class Watcher:
         both = measured, self._comparison.predicted(shown, self._estimate.theta)
         pictures = [(scale * each).reshape(*self._view.shape, CHANNELS) for each in both]
         return Sight(shot, shown, np.concatenate(pictures, axis=1))
+
+    def _exposes(self) -> tuple[float, float, float] | tuple[()]:
+        """Return when the next capture is exposed, and the period of captures, if both are known."""
+        if not self._timeline.latency.known or len(self._arrivals) < ARRIVALS:
+            return ()
+        period_s = max(float(np.median(np.diff(self._arrivals))), SHORTEST_PERIOD_S)
+        window = self._timeline.window(self._arrivals[-1] + period_s)
+        return window.first_s - window.unsure_s, window.last_s + window.unsure_s, period_s
 
     def _compare(self, time_s: float, exposed: Exposed, measured: FloatArray, shot: Shot, exposures: Exposures) -> None:
         gains = self._learning.learned.gains
