@@ -310,7 +310,7 @@ def unwatched(show: Show) -> Iterator[Unwatched]:
     """Yield each seen picture, next to the same film frame without a watcher, in the room of that time."""
     for each in show.seen:
         judge = Judge(show.watched.rig_at(show.began_s + each.time_s))
-        frame = _frame(show.rig, show.film, each, show.white)
+        frame = _frame(judge.rig, show.film, each, show.white)
         still = show.film.still(show.place / "judged.png", frame)
         picture = Picture(f"{show.film.name} {frame}", show.film.frames[frame])
         question = judge.asks(picture, show.white, product.show_plain(show.place, still).codes)
@@ -329,7 +329,7 @@ def judged(show: Show) -> Iterator[Moment]:
 
 
 def _frame(rig: Rig, film: Film, seen: Seen, white: float) -> int:
-    """Return the frame that the calibrated camera would recognise in displayed codes, near the stated position."""
+    """Return the frame that the audience recognises in displayed codes, near the stated position."""
     light = rig.seen(seen.codes).reshape(*rig.camera, 3) - rig.ambient.reshape(*rig.camera, 3)
     middle, count = round(seen.position_s * RATE), len(film.frames)
     near = [index % count for index in range(middle - NEARBY, middle + NEARBY + 1)]
