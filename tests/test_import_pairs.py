@@ -142,9 +142,9 @@ def test_the_command_makes_a_room_that_build_accepts(
     printed = capsys.readouterr().out
     assert re.search(r"16 pairs matched by number; 2 held-out captures predicted to \d+\.\d dB", printed)
     first, *_, last = printed.splitlines()
-    said = re.fullmatch(r"(\w+ errors) expected on the wall \((\d+\.\d) dB\)", last.split(";")[0].split(" s, ")[1])
+    said = re.fullmatch(r"captures match the prediction to (\d+\.\d) dB \((\w+ errors)\)", last.split(";")[0].split(" s, ")[1])
     assert said
-    assert f": expected on the wall: {said[1]}. A picture arrives to about {said[2]} dB, and 9 of 10 camera" in first
+    assert f": prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10 camera" in first
     assert last.endswith(f"next: counterlight build {room}")
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)

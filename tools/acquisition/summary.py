@@ -251,7 +251,7 @@ class AcquisitionReport:
     black : captured black of several projectors, whose black levels add up where they overlap.
     colours : lines on projectors that show primaries of others.
     placed : lines on the place of each of several cameras on the screen.
-    expected : quality on the wall; None without random pictures that were held back.
+    expected : how well captures match the prediction; None without random pictures that were held back.
     """
 
     projectors: tuple[ProjectorReport, ...]
