@@ -482,6 +482,8 @@ def test_the_next_command_and_missing_coverage_are_said(
     assert said
     assert first.startswith(f"prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10")
     assert f"<p>{first}</p>" in (tmp_path / "a room.report" / "index.html").read_text()
+    mask = calibration.read(output).calibration.mask
+    assert f" seen, {mask.sum()} of {mask.size} camera pixels in the mask\n" in printed.out
     assert action == f"counterlight build '{output}'"
     assert "clusters" not in printed.out
     exposures = len(list((tmp_path / "a room.captures").rglob("*.png")))
