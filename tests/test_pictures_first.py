@@ -262,7 +262,7 @@ def test_a_camera_that_moved_between_whites(rng: np.random.Generator) -> None:
 def test_a_room_of_nine_pictures_plays_and_goes_on(tmp_path: Path, rng: np.random.Generator) -> None:
     write_blurred_room(tmp_path / "there", rng, CAMERA, PROJECTOR)
     words = "--camera", f"simulated:{tmp_path / 'there'}", "-o", tmp_path / "room"
-    said = succeed("acquire", *words, "--pictures", 9)
+    said = succeed("acquire", *words, "--pictures", 9, "--averaging", 0)
     assert "9 pictures, 9 exposures" in said
     assert "check: the ramps of the acquisition" in said
     assert "prediction: " not in said
