@@ -480,7 +480,9 @@ def test_the_next_command_and_missing_coverage_are_said(
     coverage = rf"{output}: measured, \d+\.\d % of the projector's pixels seen"
     said = re.fullmatch(rf"{coverage}, captures match the prediction to (.*) dB \((\w+ .*errors)\)", result)
     assert said
-    assert first.startswith(f"prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10")
+    assert first.startswith(
+        f"prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10"
+    )
     assert f"<p>{first}</p>" in (tmp_path / "a room.report" / "index.html").read_text()
     mask = calibration.read(output).calibration.mask
     assert f" seen, {mask.sum()} of {mask.size} camera pixels in the mask\n" in printed.out

@@ -108,7 +108,8 @@ def test_a_pixel_whose_pictures_hardly_vary_takes_its_slope_from_its_neighbours(
     shown = rng.uniform(0, 1, (6, 30, 41, 3)).astype(np.float32)
     shown[:, 12, 20] = 0.5 + rng.normal(0, 4e-3, (6, 3))  # less than the noise of captures
     model = fit(shown, 0.6 * shown + rng.normal(0, 0.01, shown.shape).astype(np.float32), cells=CELLS[:1], linear=True)
-    np.testing.assert_allclose(model.slope[12, 20], 0.6, atol=0.03)  # as their noise; regression alone is off by up to 3
+    # the noise of neighbours; regression alone is off by up to 3
+    np.testing.assert_allclose(model.slope[12, 20], 0.6, atol=0.03)
 
 
 def test_light_next_to_the_picture_falls_with_the_picture(fitted: Fitted) -> None:
@@ -147,11 +148,17 @@ def test_the_command_makes_a_room_that_build_accepts(
     words = [str(pictures), str(photographs), "-o", str(room), "--quality", str(tmp_path / "quality.png")]
     assert main(words) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"16 pairs matched by number; a fit without 2 of them predicts their captures to \d+\.\d dB,", printed)
+    assert re.search(
+        r"16 pairs matched by number; a fit without 2 of them predicts their captures to \d+\.\d dB,", printed
+    )
     first, *_, last = printed.splitlines()
-    said = re.fullmatch(r"captures match the prediction to (\d+\.\d) dB \((\w+ errors)\)", last.split(";")[0].split(" s, ")[1])
+    said = re.fullmatch(
+        r"captures match the prediction to (\d+\.\d) dB \((\w+ errors)\)", last.split(";")[0].split(" s, ")[1]
+    )
     assert said
-    assert f": prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10 camera" in first
+    assert (
+        f": prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10 camera" in first
+    )
     assert last.endswith(f"next: counterlight build {room}")
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)
     stored = calibration.read(room)
