@@ -171,6 +171,20 @@ def test_matrices_that_do_not_fit_are_reported(
         cl.Room.from_matrices(*matrices, **(GIVEN | change))
 
 
+def test_a_matrix_of_another_shape_is_refused_before_it_is_converted(matrices: list[sparse.csr_array]) -> None:
+    class Unread:
+        def __init__(self, *shape: int) -> None:
+            self.shape = shape
+
+        def __array__(self, *_: object, **__: object) -> np.ndarray:
+            raise ValueError("read")
+
+    with pytest.raises(InputError, match="192x127 entries, expected 192 camera pixels"):
+        cl.Room.from_matrices(Unread(192, 127), *matrices[1:], **GIVEN)
+    with pytest.raises(TypeError, match=r"Unread is no array of numbers \(read\)"):
+        cl.Room.from_matrices(Unread(192, 126), *matrices[1:], **GIVEN)
+
+
 @pytest.mark.parametrize("swapped", ["camera", "projector"])
 def test_swapped_sizes_are_reported_by_a_warning(swapped: str) -> None:
     T = smooth(np.random.default_rng(3), (18, 24), (15, 20))

@@ -463,6 +463,9 @@ def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
 def _channel(matrix: object, colour: str, shape: Shape) -> Csr:
     """Returns a channel of T as sparse rows, float32, without negative entries and zeros."""
     name = f"T of the {colour} channel"
+    given = getattr(matrix, "shape", ())
+    if isinstance(given, tuple) and len(given) == 2:
+        check_shape(given, shape, name)  # before the conversion, which takes long for a large dense matrix
     channel = arguments.matrix(matrix, name)
     check_shape(channel.shape, shape, name)
     check_entries(channel.data, name)
