@@ -267,6 +267,10 @@ def _read(folder: Path) -> StoredCalibration:
         one = folder / viewpoints.FOLDER / "1"
         raise InputError(f"{folder}: a set of views, expected one calibration; name a view, as {one}")
     path = folder / TOML
+    if not path.exists() and next(folder.glob("*.npz"), None) and not next(folder.glob(LIGHT[0]), None):
+        raise InputError(
+            f"{folder}: matrices without {TOML}; make a calibration of them: counterlight import-transport"
+        )
     content = read_bytes(path, MAX_TOML_BYTES, REBUILD)
     table = Table(parse_toml(content, path, REBUILD), f"{path}", REBUILD)
     table.format(FORMAT)

@@ -1,14 +1,16 @@
-"""Pages of the site that are generated: options of all commands, the player's tables, Python names, notebooks.
+"""Pages of the site that are generated: options, the player's tables, keys of scenes, Python names, notebooks.
 
 docs/hooks.py adds them to the site (`make docs`).
 """
 
+import inspect
 from argparse import SUPPRESS
 from collections.abc import Iterable, Iterator, Sequence
 
 import counterlight
 from counterlight.command import Parser, _Formatter
 from counterlight.show.keys import KEYS, MEANINGS, PLACING
+from counterlight.tools.simulation import scene
 from counterlight.tools.verbs import VERBS
 from tests.notebook import markdown
 from tests.parsers import parser_of
@@ -20,7 +22,12 @@ def pages() -> dict[str, str | bytes]:
     """Returns the content of each page and picture by its path below docs/."""
     notebooks = (markdown(path) for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")))
     ran = {f"notebooks/{name}": content for files in notebooks for name, content in files}
-    texts = {"reference/options.md": options(), "reference/player.md": player(), "reference/python.md": python()}
+    texts = {
+        "reference/options.md": options(),
+        "reference/player.md": player(),
+        "reference/python.md": python(),
+        "reference/scenes.md": scenes(),
+    }
     return {**texts, **ran}
 
 
@@ -64,6 +71,11 @@ def python() -> str:
     names = sorted(set(counterlight.__all__) - {"__version__"})
     homes = {name: f"{getattr(counterlight, name).__module__}.{name}" for name in names}
     return "\n\n".join(["# Python: all names", *(f"::: {home}" for home in homes.values())]) + "\n"
+
+
+def scenes() -> str:
+    """Returns the keys of scene files, from the docstring of their parser."""
+    return f"# Keys of scene files\n\n{inspect.cleandoc(scene.__doc__ or '')}\n"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

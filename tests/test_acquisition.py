@@ -478,10 +478,14 @@ def test_the_next_command_and_missing_coverage_are_said(
     first, *_, last = printed.out.splitlines()
     result, action = last.split("; next: ")
     coverage = rf"{output}: measured, \d+\.\d % of the projector's pixels seen"
-    said = re.fullmatch(rf"{coverage}, (\w+ .*errors) expected on the wall \((.*) dB\)", result)
+    said = re.fullmatch(rf"{coverage}, captures match the prediction to (.*) dB \((\w+ .*errors)\)", result)
     assert said
-    assert first.startswith(f"expected on the wall: {said[1]}. A picture arrives to about {said[2]} dB, and 9 of 10")
+    assert first.startswith(
+        f"prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10"
+    )
     assert f"<p>{first}</p>" in (tmp_path / "a room.report" / "index.html").read_text()
+    mask = calibration.read(output).calibration.mask
+    assert f" seen, {mask.sum()} of {mask.size} camera pixels in the mask\n" in printed.out
     assert action == f"counterlight build '{output}'"
     assert "clusters" not in printed.out
     exposures = len(list((tmp_path / "a room.captures").rglob("*.png")))

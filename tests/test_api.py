@@ -1,5 +1,6 @@
 """The Python API: docs/api.md runs as printed, agrees with independent programs, and imports cheaply."""
 
+import pydoc
 import re
 import sys
 from collections.abc import Callable
@@ -168,6 +169,20 @@ def test_matrices_that_do_not_fit_are_reported(
 ) -> None:
     with pytest.raises(InputError, match=complaint):
         cl.Room.from_matrices(*matrices, **(GIVEN | change))
+
+
+def test_a_matrix_of_another_shape_is_refused_before_it_is_converted(matrices: list[sparse.csr_array]) -> None:
+    class Unread:
+        def __init__(self, *shape: int) -> None:
+            self.shape = shape
+
+        def __array__(self, *_: object, **__: object) -> np.ndarray:
+            raise ValueError("read")
+
+    with pytest.raises(InputError, match="192x127 entries, expected 192 camera pixels"):
+        cl.Room.from_matrices(Unread(192, 127), *matrices[1:], **GIVEN)
+    with pytest.raises(TypeError, match=r"Unread is no array of numbers \(read\)"):
+        cl.Room.from_matrices(Unread(192, 126), *matrices[1:], **GIVEN)
 
 
 @pytest.mark.parametrize("swapped", ["camera", "projector"])
@@ -368,6 +383,8 @@ def test_floats_that_look_like_codes_are_reported_by_a_warning(room: cl.Room) ->
         (np.ones((12, 16)), r"shape \(12, 16\), expected \(12, 16, 3\); repeat grey"),
         (np.ones((12, 16, 4)), r"shape \(12, 16, 4\), expected \(12, 16, 3\); leave the fourth channel out"),
         (np.ones((16, 12, 3)), "width and height are swapped"),
+        (np.ones((3, 12, 16)), r"the channels come last, as in \w+\.transpose\(1, 2, 0\)"),
+        (np.ones((3, 16, 12)), r"the channels come last, as in \w+\.transpose\(2, 1, 0\)"),
         (np.ones((16, 3)), r"shape \(16, 3\), expected"),  # numpy would broadcast this shape
         (np.zeros((0, 3)), r"shape \(0, 3\), expected"),
         (np.full((12, 16, 3), np.inf), "NaN or infinity"),
@@ -546,6 +563,8 @@ def test_plots_show_rooms_maps_and_errors(room: cl.Room, maps: RoomMaps, tmp_pat
     assert lengths.sum() == room.parts.near.indices.size
     np.testing.assert_array_equal(titles["entries of T per camera pixel"].get_array(), lengths)
     assert titles["full light"].get_array().shape == (12, 16, 3)
+    shown = titles["target, 2 times as bright"].get_array()  # the target is half of white
+    np.testing.assert_allclose(shown, 1, atol=1e-9)
     assert "camera (12, 16)" in figure.get_suptitle()
 
 
@@ -562,6 +581,7 @@ def test_the_namespace_is_the_api() -> None:
     assert cl.InputError is InputError
     assert all(hasattr(cl, name) for name in dir(cl))
     assert not hasattr(cl, "Any")
+    assert "numpy._typing" not in pydoc.plain(pydoc.render_doc(cl))  # names of types, not what they stand for
 
 
 def test_wrong_pictures_and_names_are_reported(room: cl.Room) -> None:

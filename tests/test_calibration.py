@@ -123,6 +123,9 @@ def test_a_wrong_table_is_refused(folder: Path, old: str, new: str, complaint: s
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    (tmp_path / "red.npz").touch()
+    with pytest.raises(InputError, match=r"matrices without calibration\.toml; .* counterlight import-transport"):
+        calibration.read(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         calibration.read(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()

@@ -184,7 +184,8 @@ def test_projectors_blend_and_blacks_meet(tmp_path: Path) -> None:
     parts = Transport.from_matrices([T] * 3, camera=(height, width), projector=(height, 2 * width))
     room = cl.Room(calibration, parts)
     room.write(tmp_path / "room")
-    succeed("export", tmp_path / "room", "--mpcdi", tmp_path / "out.mpcdi", "--cube", tmp_path / "out.cube")
+    said = succeed("export", tmp_path / "room", "--mpcdi", tmp_path / "out.mpcdi", "--cube", tmp_path / "out.cube")
+    assert f"{tmp_path / 'out_1.cube'} and {tmp_path / 'out_2.cube'}: written" in said.splitlines()[-1]
     found = read_mpcdi(tmp_path / "out.mpcdi")
     for grey in (0.0, 0.5, 1.0):
         picture = np.full((8, 12, 3), grey)

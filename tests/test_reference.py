@@ -1,15 +1,19 @@
-"""The generated pages of the site list every option, command, property and key, in whole tables."""
+"""The generated pages of the site list every option, command, property and key."""
 
 import re
 from argparse import SUPPRESS
 
 import pytest
 
+from counterlight.files import tables
+from counterlight.files.tables import Table
 from counterlight.show.keys import KEYS, PLACING
+from counterlight.tools.simulation import scene
 from counterlight.tools.verbs import VERBS
 from tests import reference
 from tests.parsers import parser_of
 from tests.player_page import commands, properties
+from tests.programs import ROOT
 
 
 def first_cells(text: str, heading: str) -> list[str]:
@@ -30,6 +34,22 @@ def test_each_verb_lists_its_options(verb: str) -> None:
     options = [action for action in parser_of(verb)._actions if action.option_strings and action.help != SUPPRESS]
     known = sorted(re.sub(r"^--(no-)?", "", action.option_strings[-1]) for action in options)
     assert sorted(["help", "help-all", *listed]) == known
+
+
+def test_the_scenes_page_lists_each_key_that_the_parser_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = set[str]()
+
+    class Recorded(Table):
+        def refuse_unknown(self) -> None:
+            read.update(self._known)
+            super().refuse_unknown()
+
+    for module in (scene, tables):
+        monkeypatch.setattr(module, "Table", Recorded)
+    for path in (ROOT / "calib_data" / "scenes").glob("*.toml"):
+        scene.load_scene(path)
+    assert {"samples", "black_level", "wander", "gloss", "dielectric", "roughness"} < read
+    assert read <= set(re.findall(r"\w+", reference.scenes()))
 
 
 @pytest.mark.parametrize(

@@ -346,7 +346,7 @@ def test_the_acquisition_ends_with_its_report(rooms: Path) -> None:
     figures = json.loads((folder / "report.json").read_text())
     assert [finding["grade"] for finding in figures["preflight"]] == ["good"] * len(CHECKS)
     room = calibration.read(rooms / "acquired").calibration
-    assert figures["lit_camera_pixels"] == room.mask.sum()
+    assert figures["masked_camera_pixels"] == room.mask.sum()
     for promised in figures["predicted_psnr"].values():
         assert promised["with_check_error"] < promised["by_transport"]
     floodlight = cv2.imread(str(folder / "floodlight.png"))

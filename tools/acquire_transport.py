@@ -98,7 +98,7 @@ def _choose_scheme(options: argparse.Namespace) -> None:
         options.threshold = options.threshold or "4"
         return
     for name in ("scheme", "threshold", "tile", "averaging"):
-        if (given := getattr(options, name)) is not None:
+        if (given := getattr(options, name)) not in (None, 0.0):  # --averaging 0 is what --pictures does
             raise InputError(f"--{name} {given}: of no meaning to --pictures; leave one of them out")
     options.scheme = "pictures"
 
@@ -169,7 +169,7 @@ def _aim(options: argparse.Namespace) -> "Aim | None":
 
     unpaced = options.camera[0].startswith("folder:") and not options.wait
     for given, name in ((options.shots, f"--shots {options.shots}"), (unpaced, "--camera folder: without --wait")):
-        if given and options.averaging is not None:
+        if given and options.averaging:  # 0 captures each picture once, as these do
             raise InputError(f"--averaging {options.averaging:g}: of no meaning with {name}; leave one of them out")
     minutes = MINUTES if options.averaging is None else options.averaging
     if options.pictures or options.shots or unpaced or not minutes or options.scheme not in AVERAGED:

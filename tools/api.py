@@ -4,6 +4,8 @@
 Pictures are (height, width, 3), linear light; a picture to be shown is relative to the room's white.
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -110,7 +112,8 @@ class Room:
             fit-response`, or a Response. None takes sRGB and warns that this is a guess, which makes code values wrong.
         primaries : (3, height, width, 3). Camera pictures of full red, green and blue, without ambient light.
         factor : dB of the camera picture that compensated pictures may lose when a dense T becomes near light and
-            factors of far light, and long rows become blocks of projector pixels; 0 keeps T unfactored.
+            factors of far light, and long rows become blocks of projector pixels; 0 keeps T unfactored. Factoring
+            a large dense T can take minutes, without output.
 
         Raises InputError for matrices of the wrong size, without light, or with NaN or infinity.
         """
@@ -204,7 +207,7 @@ class Room:
         """
         return self.tier.seen(arguments.picture(drive, self.projector, "drive"))
 
-    def plot(self) -> "Figure":
+    def plot(self) -> Figure:
         """Draw the room under full light and without the projector, what counts, and T's entries (needs matplotlib)."""
         brightest = np.percentile(self.floodlight, 99)
         return panels(
@@ -257,13 +260,15 @@ class Solution:
         """What is seen minus the target, as a share of white, (camera height, camera width, 3)."""
         return (self.seen - self.target) / self.white
 
-    def plot(self) -> "Figure":
+    def plot(self) -> Figure:
         """Draw the drive, the target, what is seen, and the error of its luminance (needs matplotlib)."""
+        gain = max(1.0, 1 / max(float(np.percentile(self.target, 99)) / self.white, 0.01))  # shows dark targets, too
+        times = f", {gain:.2g} times as bright" if gain > 1 else ""
         return panels(
             repr(self).strip("<>"),
             {
-                "target": _srgb(self.target / self.white),
-                "seen by the camera": _srgb(self.seen / self.white),
+                f"target{times}": _srgb(gain * self.target / self.white),
+                f"seen by the camera{times}": _srgb(gain * self.seen / self.white),
                 "error of luminance, % of white": 100 * _grey(self.error),
                 "drive of the projector": _srgb(self.drive),
             },
@@ -458,6 +463,9 @@ def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
 def _channel(matrix: object, colour: str, shape: Shape) -> Csr:
     """Returns a channel of T as sparse rows, float32, without negative entries and zeros."""
     name = f"T of the {colour} channel"
+    given = getattr(matrix, "shape", ())
+    if isinstance(given, tuple) and len(given) == 2:
+        check_shape(given, shape, name)  # before the conversion, which takes long for a large dense matrix
     channel = arguments.matrix(matrix, name)
     check_shape(channel.shape, shape, name)
     check_entries(channel.data, name)

@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
+from itertools import permutations
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -170,7 +171,7 @@ def mask(values: ArrayLike, shape: Shape) -> BoolArray:
     """Returns a mask (height, width) from True and False, or from 0 and one other number."""
     array = real_array(values, "mask")
     if array.shape != shape:
-        raise InputError(f"mask of shape {array.shape}, expected {shape}{_swapped(array.shape, shape)}")
+        raise InputError(f"mask of shape {array.shape}, expected {shape}{_reordered(array.shape, shape, 'mask')}")
     if not np.isin(array, (0, array.max())).all():
         raise InputError(f"mask of {array.dtype} with many values, expected True and False; compare it, as mask > 0.5")
     if not array.any():
@@ -217,7 +218,7 @@ def _linear(codes: NDArray[Any]) -> FloatArray:
 def _shaped(array: FloatArray, shape: Shape, name: str) -> FloatArray:
     expected = (*shape, 3)
     if array.shape not in ((), (3,), expected):
-        fix = _swapped(array.shape, expected)
+        fix = _reordered(array.shape, expected, name)
         if array.shape == shape:
             fix = f"; repeat grey in three channels, as np.repeat({name}[..., None], 3, axis=2)"
         if array.shape == (*shape, 4):
@@ -233,5 +234,10 @@ def _shaped(array: FloatArray, shape: Shape, name: str) -> FloatArray:
     return np.broadcast_to(array, expected)
 
 
-def _swapped(found: tuple[int, ...], expected: tuple[int, ...]) -> str:
-    return "; width and height are swapped" if found == (expected[1], expected[0], *expected[2:]) else ""
+def _reordered(found: tuple[int, ...], expected: tuple[int, ...], name: str) -> str:
+    """Returns how to bring the axes of an array into the expected order; nothing if the shape is another one."""
+    for order in permutations(range(len(found))):
+        if tuple(found[axis] for axis in order) == expected:
+            what = "width and height are swapped" if order[:2] == (1, 0) else "the channels come last"
+            return f"; {what}, as in {name}.transpose{order}"
+    return ""

@@ -25,10 +25,10 @@ def main(argv: Sequence[str] | None) -> None:
     outputs = {"--mpcdi": options.mpcdi, "--warp": options.warp, "--cube": options.cube}
     if not any(outputs.values()):
         raise InputError(f"counterlight export: nothing to write; name a file with {', '.join(outputs)}")
-    print(export(options.calibration, options.mpcdi, options.warp, options.cube))
-    written = " and ".join(str(path) for path in outputs.values() if path is not None)
+    lines, written = export(options.calibration, options.mpcdi, options.warp, options.cube)
+    print("\n".join(lines))
     action = "load the result by your program's recipe in docs/exports.md"
-    print(conclusion(f"{written}: written for other programs", action))
+    print(conclusion(f"{' and '.join(map(str, written))}: written for other programs", action))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,5 +1,7 @@
 """The player's renderer in Python, without a window (docs/api.md)."""
 
+from __future__ import annotations
+
 from contextlib import ExitStack
 from typing import Self
 

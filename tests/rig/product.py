@@ -28,7 +28,7 @@ COVERED = re.compile(
     r"(?P<inside>[\d.]+) % of the captured values are inside .*\(dark (?P<dark>[\d.]+), middle (?P<middle>[\d.]+), "
     r"bright (?P<bright>[\d.]+) %\), whose mean width is (?P<width>[\d.]+) % .* would need (?P<constant>[\d.]+) %"
 )
-EXPECTED = re.compile(r"expected on the wall: .* about ([\d.]+) dB")
+EXPECTED = re.compile(r"prediction: .* about ([\d.]+) dB")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def covered(rig: Rig, folder: Path, picture: Path, *options: object, seed: int) 
 
 
 def expected_decibels(said: str) -> float:
-    """Returns the quality on the wall that an acquisition predicts, from its output."""
+    """Returns how well captures will match the prediction, from the output of an acquisition."""
     found = EXPECTED.search(said)
     assert found, said
     return float(found[1])

@@ -222,7 +222,7 @@ def _report(
     indices = transport.near.indices
     return AcquisitionReport(
         projectors=tuple(ProjectorReport(part.done, given, part.factoring, _coverage(part)) for part in parts),
-        lit=int(room.mask.sum()),
+        masked=int(room.mask.sum()),
         camera_pixels=room.mask.size,
         entries=int(indices.size),
         clusters=find_clusters(luminance_matrix(transport.near)),

@@ -245,17 +245,17 @@ class ProjectorReport:
 class AcquisitionReport:
     """The report of an acquisition; its text is the command's output with --verbose.
 
-    lit, camera_pixels : camera pixels inside the mask, and in total.
+    masked, camera_pixels : camera pixels in the mask, and in total.
     entries : near entries per channel.
     outside : light that a compensated picture leaves where the camera does not see it.
     black : captured black of several projectors, whose black levels add up where they overlap.
     colours : lines on projectors that show primaries of others.
     placed : lines on the place of each of several cameras on the screen.
-    expected : quality on the wall; None without random pictures that were held back.
+    expected : how well captures match the prediction; None without random pictures that were held back.
     """
 
     projectors: tuple[ProjectorReport, ...]
-    lit: int
+    masked: int
     camera_pixels: int
     entries: int
     clusters: Clusters
@@ -276,8 +276,8 @@ class AcquisitionReport:
         return [
             *([str(self.expected)] if self.expected else []),
             *self._of_each(lambda each: each.taken),
-            f"coverage: {100 * self.covered:.1f} % of the {whose} pixels seen, {self.lit} of {self.camera_pixels} "
-            "camera pixels lit",
+            f"coverage: {100 * self.covered:.1f} % of the {whose} pixels seen, {self.masked} of {self.camera_pixels} "
+            "camera pixels in the mask",
             *([f"{clusters}; {self.entries} near entries a channel"] if verbose else []),
             *map(str, self.placed),
             *self._of_each(lambda each: [str(each.factoring)]),

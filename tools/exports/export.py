@@ -10,8 +10,8 @@ from counterlight.writing.outputs import check_apart, check_file
 from counterlight.writing.replacing import replacing_file
 
 
-def export(folder: Path, mpcdi: Path | None, warp: Path | None, cube: Path | None) -> str:
-    """Write the named outputs of a calibration folder; returns the lines that describe them."""
+def export(folder: Path, mpcdi: Path | None, warp: Path | None, cube: Path | None) -> tuple[list[str], list[Path]]:
+    """Write the named outputs of a calibration folder; returns the lines that describe them, and the written files."""
     room_files = [folder / "calibration.toml"]
     for path, suffix in ((mpcdi, ".mpcdi"), (warp, ".exr"), (cube, ".cube")):
         if path is not None:
@@ -21,13 +21,14 @@ def export(folder: Path, mpcdi: Path | None, warp: Path | None, cube: Path | Non
     for path in (*cubes, *([config] if config else [])):
         check_file(path, inputs=room_files)
     check_apart(mpcdi, warp, *cubes, config)
+    written = [path for path in (mpcdi, warp, *cubes) if path is not None]
     lines = []
     with ExitStack() as stack:  # no file is put in place before all are written
         if mpcdi is not None or warp is not None:
             lines += _write_maps(stack, room, diagonal(room), mpcdi, warp)
         if config is not None:
             lines += _write_colour(stack, room, cubes, config)
-    return "\n".join(lines)
+    return lines, written
 
 
 def _write_maps(stack: ExitStack, room: Room, exact: Diagonal, mpcdi: Path | None, warp: Path | None) -> list[str]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
+from counterlight.command import track
 from counterlight.tools.pairs.geometry import Pictures, regression
 
 REACH = 2  # pixels from the middle of the window of h to its edge
@@ -30,6 +31,8 @@ TAPS, FLOOR = (0.2, 0.04, 0.02), (0.05, 0.004, 0.001)  # standard deviations of 
 MIXED, BENT, HALOS = (0.1, 0.05, 0.05), (0.1, 0.05, 0.05), (0.1, 0.02, 0.0)
 SATURATED = 0.98  # share of the camera's range from which on a value is saturated
 SPREAD, WIDE_HALO = 5, 5 + len(WINDOW) + 1  # first features of h, and of the blurs G_j after the first
+AROUND = 3.0  # standard deviation in camera pixels of the neighbourhood from which little varied pixels take s
+LITTLE, LEAST_VARIED = 0.01, 1e-5  # variances of little varied pixels, and outside the picture; shares of the median
 BINS = 24  # levels of light at which the residual's variance is measured
 
 
@@ -176,12 +179,11 @@ def fit(
     valid = (captures < SATURATED).astype(np.float32)
     if gains is not None:
         captures = np.asarray(captures / gains[:, None, None], np.float32)
-    slope, offset, _ = regression(shown, captures)
-    slope, offset = np.maximum(slope, 0).astype(np.float32), offset.astype(np.float32)
+    slope, offset = _affine(shown, captures)
     rest = captures - (slope * shown + offset)
     height, width = slope.shape[:2]
     levels = [Level.empty(cell, (height, width)) for cell in cells]
-    for k in range(3):
+    for k in track(range(3), f"fit of {len(shown)} pairs, channels", 3):
         F = features(shown, halos_of(shown[..., k], slope[..., k]), slope, k)
         for number, level in enumerate(levels):
             used, std = np.flatnonzero(prior(number, linear)), prior(number, linear)
@@ -195,6 +197,21 @@ def fit(
                 )
             rest[..., k] -= level.light(F, k)
     return Model(slope, offset, tuple(levels))
+
+
+def _affine(shown: Pictures, captures: Pictures) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Return s ≥ 0 and e of each camera pixel, (height, width, 3); little varied pixels take s from their neighbours.
+
+    A pixel whose pictures hardly vary would divide noise by noise: a slope of 16 in a room of slopes up to 1.
+    """
+    slope, _, _ = regression(shown, captures)
+    varied = shown.var(axis=0)
+    usual = float(np.median(varied[varied > 0])) if varied.any() else 1.0
+    light = cv2.GaussianBlur(varied * slope, (0, 0), AROUND)
+    around = light / np.maximum(cv2.GaussianBlur(varied, (0, 0), AROUND), 1e-9)
+    around[varied < LEAST_VARIED * usual] = 0  # outside the picture
+    slope = np.maximum((varied * slope + LITTLE * usual * around) / (varied + LITTLE * usual), 0)
+    return slope.astype(np.float32), (captures.mean(axis=0) - slope * shown.mean(axis=0)).astype(np.float32)
 
 
 def _solved(A: NDArray[np.floating], y: NDArray[np.floating], cell: int) -> NDArray[np.floating]:

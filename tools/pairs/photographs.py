@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.files.picture_files import MAX_BYTES
 from counterlight.files.reading import read_bytes
@@ -153,7 +154,7 @@ def each_photograph(
 ) -> Iterator[NDArray[np.floating]]:
     """Like `read_photographs`, one photograph at a time."""
     first: tuple[int, ...] = ()
-    for path in paths:
+    for path in track(paths, "photographs", len(paths)):
         picture = _coloured(read_photograph(path))
         first = first or picture.shape
         _check_size(path, picture.shape, first, paths[0])

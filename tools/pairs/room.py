@@ -84,8 +84,8 @@ class PairsSummary:
     def __str__(self) -> str:
         lines = [
             str(self.expected),
-            f"{self.pairs} pairs matched by {self.matched}; {self.held} held-out captures predicted to "
-            f"{self.decibels:.1f} dB by a fit of the others",
+            f"{self.pairs} pairs matched by {self.matched}; a fit without {self.held} of them predicts their captures "
+            f"to {self.decibels:.1f} dB, relative to the camera's range",
         ]
         if self.gains > UNSTEADY:
             lines.append(f"gains of captures vary by {100 * self.gains:.1f} %; lock the camera's exposure")

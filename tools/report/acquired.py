@@ -122,7 +122,7 @@ def _figures(
         "warnings": report.warnings,
         "coverage": report.covered,
         "light_outside": None if report.outside is None else asdict(report.outside),
-        "lit_camera_pixels": report.lit,
+        "masked_camera_pixels": report.masked,
         "near_entries": report.entries,
         "far_cells": transport.far.scatter.columns if transport.far else 0,
         "clusters": {
@@ -144,7 +144,7 @@ def acquisition_page(figures: dict[str, Any]) -> str:
             ("pictures shown, exposures taken", f"{figures['pictures']}, {figures['exposures']}"),
             ("seconds of the last run", f"{figures['seconds']:.0f}"),
             ("projector pixels that are seen", f"{100 * figures['coverage']:.1f} %"),
-            ("camera pixels that count", f"{figures['lit_camera_pixels']}"),
+            ("camera pixels in the mask", f"{figures['masked_camera_pixels']}"),
             ("light outside", _outside(figures["light_outside"])),
             ("near light, entries a channel; far light, cells", f"{figures['near_entries']}; {figures['far_cells']}"),
         ]

@@ -122,7 +122,7 @@ def coverage(half_width: Pictures, predicted: Pictures, captured: Pictures, coun
 
 @dataclass(frozen=True)
 class Expected:
-    """The quality on the wall of what the projector can show, from captures that were held back.
+    """How well captures match their predictions, from captures that were held back. The target plays no part.
 
     decibels : PSNR of captures against T p + e, relative to white.
     within : median half width of the prediction interval, as a share of white.
@@ -133,8 +133,9 @@ class Expected:
 
     def __str__(self) -> str:
         return (
-            f"expected on the wall: {self.words}. A picture arrives to about {self.decibels:.1f} dB, and 9 of 10 "
-            f"camera pixels are typically within {100 * self.within:.1f} % of white"
+            f"prediction: {self.words}. A capture matches its prediction to about {self.decibels:.1f} dB, and 9 of 10 "
+            f"camera pixels typically to {100 * self.within:.1f} % of white; build and play state how close pictures "
+            "come to the target"
         )
 
     @property
@@ -144,13 +145,13 @@ class Expected:
     @property
     def short(self) -> str:
         """The end of a command's last line."""
-        return f"{self.words} expected on the wall ({self.decibels:.1f} dB)"
+        return f"captures match the prediction to {self.decibels:.1f} dB ({self.words})"
 
 
 def expected_quality(
     interval: Interval, predicted: Pictures, captured: Pictures, counted: BoolArray, white: float, noise: float = 0.0
 ) -> Expected:
-    """Return the expected quality of pictures like the held-back captures.
+    """Return how well captures of pictures like the held-back ones will match their predictions.
 
     white : light of a white picture.
     noise : share of the squared error that the camera's noise explains. Noise does not reach the wall.
