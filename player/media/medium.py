@@ -167,7 +167,8 @@ class Border:
         """Return the border for a command line: the given roots, the folders and the folders of the files it names."""
         named = [Path(medium.name) for medium in media if medium.live() is None]
         folders = [*roots, *(path if os.path.isdir(path) else path.parent for path in named)]
-        return cls(tuple(dict.fromkeys(map(os.path.abspath, folders))), live, frozenset(medium.name for medium in media if medium.live()))
+        absolute = tuple(dict.fromkeys(map(os.path.abspath, folders)))
+        return cls(absolute, live, frozenset(medium.name for medium in media if medium.live()))
 
     def within(self, folder: Path) -> "Border":
         """Return this border, extended by another folder."""

@@ -10,8 +10,8 @@ from counterlight.writing.numbered import natural, number_of
 
 LISTS = (".m3u", ".m3u8", ".txt")
 # suffixes of the media that a folder stands for
-FILMS = tuple(".avi .flv .gif .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .mxf .ogv .ts .webm .wmv".split())
-PICTURES = tuple(".avif .bmp .dpx .exr .heic .heif .jp2 .jpeg .jpg .jxl .png .ppm .tga .tif .tiff .webp".split())
+FILMS = {f".{name}" for name in "avi flv gif m2ts m4v mkv mov mp4 mpeg mpg mts mxf ogv ts webm wmv".split()}
+PICTURES = {f".{name}" for name in "avif bmp dpx exr heic heif jp2 jpeg jpg jxl png ppm tga tif tiff webp".split()}
 MAX_LIST_BYTES = 4 << 20
 MAX_MEDIA = 10_000
 
@@ -124,7 +124,7 @@ def entries_of(medium: Medium) -> list[Path]:
 
 def _in_folder(medium: Medium, border: Border) -> list[Medium]:
     """Return the films and pictures of a folder. For a folder of the command line, they may be below the folder."""
-    found = [path for path in entries_of(medium) if path.suffix.lower() in (*FILMS, *PICTURES)]
+    found = [path for path in entries_of(medium) if path.suffix.lower() in FILMS | PICTURES]
     if not found:
         raise InputError(f"{medium}: a folder without films and pictures; name a folder with some, or a file")
     inner = border.within(Path(medium.name)) if medium.roots is None else border
