@@ -1,6 +1,7 @@
 """The media that are played in turn: media of the command line, lists in .m3u and .txt files, and folders."""
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,9 +10,11 @@ from counterlight.media.medium import Border, Medium, live_address
 from counterlight.writing.numbered import natural, number_of
 
 LISTS = (".m3u", ".m3u8", ".txt")
-# suffixes of the media that a folder stands for
-FILMS = {f".{name}" for name in "avi flv gif m2ts m4v mkv mov mp4 mpeg mpg mts mxf ogv ts webm wmv".split()}
-PICTURES = {f".{name}" for name in "avif bmp dpx exr heic heif jp2 jpeg jpg jxl png ppm tga tif tiff webp".split()}
+# suffixes of the films and pictures that a folder stands for
+PLAYED = re.compile(
+    r"\.(avi|flv|m2ts|m4v|mkv|mov|mp4|mpe?g|mts|mxf|ogv|ts|webm|wmv|"
+    r"avif|bmp|dpx|exr|gif|hei[cf]|jp2|jpe?g|jxl|png|ppm|tga|tiff?|webp)"
+)
 MAX_LIST_BYTES = 4 << 20
 MAX_MEDIA = 10_000
 
@@ -124,7 +127,7 @@ def entries_of(medium: Medium) -> list[Path]:
 
 def _in_folder(medium: Medium, border: Border) -> list[Medium]:
     """Return the films and pictures of a folder. For a folder of the command line, they may be below the folder."""
-    found = [path for path in entries_of(medium) if path.suffix.lower() in FILMS | PICTURES]
+    found = [path for path in entries_of(medium) if PLAYED.fullmatch(path.suffix.lower())]
     if not found:
         raise InputError(f"{medium}: a folder without films and pictures; name a folder with some, or a file")
     inner = border.within(Path(medium.name)) if medium.roots is None else border
