@@ -306,7 +306,10 @@ def test_no_map_yet(tmp_path: Path) -> None:
             ["ROOM", "CLIP", "--backend", "cpu", "--entries", "auto"],
             "--entries auto: --backend cpu has no GPU to use it",
         ),
-        (["ROOM"], "needs a CALIBRATION and MEDIA"),
+        ([], "a room and a medium are missing; for example: counterlight play room film.mp4"),
+        (["CLIP"], f"the room of {CLIP} is missing; for example: counterlight play room {CLIP}"),
+        (["ROOM"], "wall film.mp4"),
+        (["ROOM.old", "CLIP", "--output", "OUT/o.png"], "no such folder; did you mean 'wall'?; measure a room"),
         (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
         (["ROOM", "CLIP", "--loop", "--output", "OUT/o.mp4"], "never ends"),
         (["ROOM", "CLIP", "--output", "OUT/o.png", "--refine", "-1"], "auto or a number of steps from 0 to 256"),
@@ -322,7 +325,7 @@ def test_no_map_yet(tmp_path: Path) -> None:
 )
 def test_wrong_use_is_one_line(room: Path, tmp_path: Path, arguments: list[str], complaint: str) -> None:
     names = {"ROOM": str(room), "CLIP": str(CLIP)}
-    words = [names.get(word, word.replace("OUT", str(tmp_path))) for word in arguments]
+    words = [names.get(word, word.replace("OUT", str(tmp_path)).replace("ROOM", str(room))) for word in arguments]
     assert complaint in fail("play", *words)
     assert [path.name for path in tmp_path.iterdir()] == ["wall"]
 
