@@ -306,7 +306,11 @@ def test_a_wrong_schedule_is_told_in_a_line(was: str, now: str, message: str, tm
 def test_a_schedule_is_read_again_when_it_changes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "hours.toml"
     path.write_text(FILE)
+    path.chmod(0o644)
     schedule = ScheduleFile(path)
+    assert capfd.readouterr().err == f"{path}: other users can read its passwords; restrict it: chmod 600 {path}\n"
+    path.chmod(0o600)
+    ScheduleFile(path)
     first = schedule()
     path.write_text("damaged")
     assert schedule() is first
