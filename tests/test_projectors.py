@@ -274,6 +274,8 @@ def test_a_schedule_is_read(tmp_path: Path) -> None:
     assert found.plays(at("23 18:29:59"))
     assert found.plays(at("24 00:59:59"))
     assert not found.plays(at("23 20:00:29"))
+    assert found.opens(at("26 20:00:31")) == at("27 10:00:00")
+    assert found.opens(datetime(2026, 12, 23, 21)) == datetime(2026, 12, 26, 20, 0, 30)  # the 24th and 25th are closed
     (tmp_path / "hours.toml").write_text('format = 1\n[[projectors]]\naddress = "10.0.0.21"\n')
     assert read_schedule(tmp_path / "hours.toml").plays(at("23 20:00:29"))  # no hours: the show always plays
 
