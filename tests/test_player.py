@@ -19,6 +19,7 @@ from counterlight.files import exr
 from counterlight.gl.context import in_software
 from counterlight.maps import room_maps as maps
 from counterlight.pipeline.operators import drive_of
+from counterlight.pipeline.placement import write_placement
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import read_room
 from counterlight.show import output
@@ -340,7 +341,10 @@ def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
     assert "no OpenGL through EGL" in line
     assert "--backend cpu" in line
     assert not (tmp_path / "o.png").exists()
-    assert "backend: cpu, there is no OpenGL" in succeed(*into, __EGL_VENDOR_LIBRARY_DIRS=without)
+    write_placement(room, ((-1.0, 0.0), (1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)))
+    said = succeed(*into, __EGL_VENDOR_LIBRARY_DIRS=without)
+    assert "backend: cpu, there is no OpenGL" in said
+    assert re.search(r"^(\d+) % of the picture lies beyond the projector's light; key k", said, re.MULTILINE)
     assert (tmp_path / "o.png").exists()
 
 
