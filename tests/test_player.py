@@ -31,7 +31,7 @@ from counterlight.tools.shipped import CLIP
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.transport import Transport
-from tests.programs import fail, on, succeed
+from tests.programs import command, fail, on, succeed
 from tests.rooms import write_blurred_room
 
 ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
@@ -342,9 +342,9 @@ def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
     assert "--backend cpu" in line
     assert not (tmp_path / "o.png").exists()
     write_placement(room, ((-1.0, 0.0), (1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)))
-    said = succeed(*into, __EGL_VENDOR_LIBRARY_DIRS=without)
-    assert "backend: cpu, there is no OpenGL" in said
-    assert re.search(r"^(\d+) % of the picture lies beyond the projector's light; key k", said, re.MULTILINE)
+    done = command(*into, __EGL_VENDOR_LIBRARY_DIRS=without)
+    assert "backend: cpu, there is no OpenGL" in done.stdout
+    assert re.search(r"^[5-9]\d % of the picture lies beyond the projector's light; key k", done.stderr, re.MULTILINE)
     assert (tmp_path / "o.png").exists()
 
 
