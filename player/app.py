@@ -59,7 +59,7 @@ def _show(options: argparse.Namespace) -> None:
         print("\n".join(str(monitor) for monitor in list_monitors()))
         return
     if options.calibration is None or not options.media:
-        raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
+        raise InputError(_missing(options.calibration))
     check_order(options.calibration, [medium.name for medium in options.media])
     check_of(options)
     _check_outputs(options)
@@ -87,6 +87,18 @@ def _show(options: argparse.Namespace) -> None:
         tell(conclusion(f"{options.calibration}: played {stats.frames} frames", action), sys.stdout)
     if options.stats is not None:
         stats.write(options.stats)
+
+
+def _missing(only: Path | None) -> str:
+    """Return the error for a command line without a room or a medium.
+
+    only : the only argument; None without arguments.
+    """
+    if only is None:
+        return f"a room and a medium are missing; for example: {command_line('play', 'room', 'film.mp4')}"
+    if only.is_file():
+        return f"the room of {only} is missing; for example: {command_line('play', 'room', only)}"
+    return f"the medium for {only} is missing; for example: {command_line('play', only, 'film.mp4')}"
 
 
 def _check_outputs(options: argparse.Namespace) -> None:

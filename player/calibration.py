@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from counterlight import viewpoints
 from counterlight.arrays import brief
-from counterlight.errors import AbsentError, InputError
+from counterlight.errors import AbsentError, InputError, nearest
 from counterlight.files import exr
 from counterlight.files.manifest import describe_files, read_steadily, sha256_of, write_toml
 from counterlight.files.picture_files import MAX_SIDE, grey, read_picture, write_png
@@ -260,7 +260,7 @@ def _read(folder: Path) -> StoredCalibration:
         if not folder.is_dir():
             if folder.exists():
                 raise InputError(f"{folder}: a file, expected a calibration folder; {MAKE}")
-            raise AbsentError(f"{folder}: no such folder; {MAKE}")
+            raise AbsentError(f"{folder}: no such folder{_nearest_room(folder)}; {MAKE}")
         if next(folder.iterdir(), None) is None:  # perhaps a disk is mounted here later
             raise AbsentError(f"{folder}: an empty folder, expected a calibration folder; {MAKE}")
     if viewpoints.is_set(folder):
@@ -285,6 +285,14 @@ def _read(folder: Path) -> StoredCalibration:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return StoredCalibration(folder, calibration, hashlib.sha256(content).hexdigest(), files)
+
+
+def _nearest_room(folder: Path) -> str:
+    """Return `; did you mean NAME?` for a room next to a missing folder: the only one, or one of a similar name."""
+    if not folder.parent.is_dir():
+        return ""
+    rooms = [each.name for each in folder.parent.iterdir() if (each / TOML).is_file() or viewpoints.is_set(each)]
+    return nearest(folder.name, rooms, 0.5 if len(rooms) > 1 else 0.0)
 
 
 def read_projectors(folder: Path) -> tuple[Device, ...]:

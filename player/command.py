@@ -237,8 +237,9 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
             raise
         tell(f"error: {error.filename}: {error.strerror}; check the path and its rights", patience_s=LAST_WORDS_S)
         return BAD_INPUT
-    except KeyboardInterrupt:
-        tell("interrupted: nothing half-written remains", patience_s=LAST_WORDS_S)
+    except KeyboardInterrupt as signalled:
+        notes = dict.fromkeys(getattr(signalled, "__notes__", []))  # what the interrupted parts say (Python 3.11)
+        tell(": ".join(["interrupted", *notes]), patience_s=LAST_WORDS_S)
         return INTERRUPTED
 
 

@@ -288,6 +288,9 @@ class Stage:
     def stand(self, viewpoint: Viewpoint) -> str | None:
         return self.outside(viewpoint)
 
+    def unlit(self, pixels: Any, corners: Corners | None) -> None:
+        """Nothing is outside the light of this fake."""
+
     def fit(self, pixels: Any) -> Corners:
         return self.fitted.get(pixels.path, SQUARE)
 

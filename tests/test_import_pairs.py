@@ -218,6 +218,11 @@ def test_too_few_pairs_are_refused(
 ) -> None:
     pictures, photographs = write_pairs(tmp_path, Wall(), rng, 7)
     assert "7 pairs, expected at least 8" in refusal(capsys, pictures, photographs)
+    heif = tmp_path / "heif"
+    heif.mkdir()
+    (heif / "IMG_1.HEIC").touch()
+    complaint = "IMG_1.HEIC: HEIC pictures are not read; convert it, for example: heif-convert IMG_1.HEIC IMG_1.png"
+    assert complaint in refusal(capsys, pictures, heif)
 
 
 def test_photographs_of_other_pictures_are_refused(

@@ -28,4 +28,4 @@ def test_a_signal_during_a_callback_of_glfw_ends_the_command() -> None:
     done = subprocess.run(words, capture_output=True, text=True, timeout=30, check=False)
     assert done.returncode == 130
     assert done.stdout == "the callback has ended\n"
-    assert done.stderr == "interrupted: nothing half-written remains\n"
+    assert done.stderr == "interrupted\n"  # nothing was being written

@@ -2,11 +2,15 @@
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import glfw
 import pytest
 
-from counterlight.errors import InputError
+from counterlight.errors import AbsentError, InputError
+from counterlight.gl import monitors, x11
 from counterlight.gl.monitors import Monitor, _unique, after_a_change, find_monitor
 from tests.programs import PATIENCE_S, ROOT, on, running
 
@@ -26,6 +30,24 @@ def seen_on(display: str) -> dict[str, Any]:
     assert (child.returncode, errors) == (0, "")
     answer: dict[str, Any] = json.loads(output)
     return answer
+
+
+def test_the_server_keeps_a_client_until_glfw_has_connected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Xvfb resets when its last client leaves, and refuses GLFW's connection meanwhile."""
+    events: list[str] = []
+
+    @contextmanager
+    def connection() -> Iterator[None]:
+        events.append("connected")
+        yield
+        events.append("left")
+
+    monkeypatch.setattr(monitors, "_glfw_runs", lambda: False)
+    monkeypatch.setattr(x11, "connection", connection)
+    monkeypatch.setattr(glfw, "init", lambda: events.append("GLFW"))
+    with pytest.raises(AbsentError, match="GLFW does not start"):
+        monitors.start_glfw()
+    assert events == ["connected", "GLFW", "left"]
 
 
 def test_both_monitors_of_a_desktop_are_listed(two_monitors: str) -> None:

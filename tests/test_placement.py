@@ -8,7 +8,15 @@ import pytest
 
 from counterlight import calibration
 from counterlight.errors import InputError
-from counterlight.pipeline.placement import FILE, corners_of, fit, homography, read_placement, write_placement
+from counterlight.pipeline.placement import (
+    FILE,
+    corners_of,
+    fit,
+    homography,
+    read_placement,
+    share_outside,
+    write_placement,
+)
 from tests.oracles import formulas
 from tests.oracles.formulas import pinned
 from tests.rooms import write_blurred_room
@@ -22,6 +30,13 @@ def test_upright_corners_place_a_picture_as_fitting_does(rng: np.random.Generato
         H = homography(corners_of(spot, target), target, size)
         expected = formulas.resample(picture, target, (spot.left, spot.top, spot.width, spot.height))
         np.testing.assert_allclose(pinned(picture, target, H), expected, atol=1e-9)
+
+
+def test_the_share_of_a_picture_outside_the_light() -> None:
+    lit = np.zeros((40, 60), bool)
+    lit[:, 30:] = True
+    for left, share in ((0.0, 0.5), (0.5, 0.0), (-1.0, 0.75), (-3.0, 0.875)):
+        assert share_outside(((left, 0.0), (1.0, 0.0), (1.0, 1.0), (left, 1.0)), lit) == share
 
 
 def test_corners_map_as_opencv_says(rng: np.random.Generator) -> None:

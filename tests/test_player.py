@@ -19,6 +19,7 @@ from counterlight.files import exr
 from counterlight.gl.context import in_software
 from counterlight.maps import room_maps as maps
 from counterlight.pipeline.operators import drive_of
+from counterlight.pipeline.placement import write_placement
 from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import read_room
 from counterlight.show import output
@@ -30,7 +31,7 @@ from counterlight.tools.shipped import CLIP
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.transport import Transport
-from tests.programs import fail, on, succeed
+from tests.programs import command, fail, on, succeed
 from tests.rooms import write_blurred_room
 
 ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
@@ -306,7 +307,10 @@ def test_no_map_yet(tmp_path: Path) -> None:
             ["ROOM", "CLIP", "--backend", "cpu", "--entries", "auto"],
             "--entries auto: --backend cpu has no GPU to use it",
         ),
-        (["ROOM"], "needs a CALIBRATION and MEDIA"),
+        ([], "a room and a medium are missing; for example: counterlight play room film.mp4"),
+        (["CLIP"], f"the room of {CLIP} is missing; for example: counterlight play room {CLIP}"),
+        (["ROOM"], "wall film.mp4"),
+        (["ROOM.old", "CLIP", "--output", "OUT/o.png"], "no such folder; did you mean 'wall'?; measure a room"),
         (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
         (["ROOM", "CLIP", "--loop", "--output", "OUT/o.mp4"], "never ends"),
         (["ROOM", "CLIP", "--output", "OUT/o.png", "--refine", "-1"], "auto or a number of steps from 0 to 256"),
@@ -322,7 +326,7 @@ def test_no_map_yet(tmp_path: Path) -> None:
 )
 def test_wrong_use_is_one_line(room: Path, tmp_path: Path, arguments: list[str], complaint: str) -> None:
     names = {"ROOM": str(room), "CLIP": str(CLIP)}
-    words = [names.get(word, word.replace("OUT", str(tmp_path))) for word in arguments]
+    words = [names.get(word, word.replace("OUT", str(tmp_path)).replace("ROOM", str(room))) for word in arguments]
     assert complaint in fail("play", *words)
     assert [path.name for path in tmp_path.iterdir()] == ["wall"]
 
@@ -337,7 +341,10 @@ def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
     assert "no OpenGL through EGL" in line
     assert "--backend cpu" in line
     assert not (tmp_path / "o.png").exists()
-    assert "backend: cpu, there is no OpenGL" in succeed(*into, __EGL_VENDOR_LIBRARY_DIRS=without)
+    write_placement(room, ((-1.0, 0.0), (1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)))
+    done = command(*into, __EGL_VENDOR_LIBRARY_DIRS=without)
+    assert "backend: cpu, there is no OpenGL" in done.stdout
+    assert re.search(r"^[5-9]\d % of the picture lies beyond the projector's light; key k", done.stderr, re.MULTILINE)
     assert (tmp_path / "o.png").exists()
 
 

@@ -320,6 +320,7 @@ def test_a_failed_wish_while_nothing_plays_goes_back_to_waiting() -> None:
 
 def test_media_that_may_not_be_named_are_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / "inside.mkv").write_bytes(b"x")
+    (tmp_path / "empty").mkdir()
     media = Media(Border((str(tmp_path),)))
     stage = Stage(Reader("a", count=1000))
     stage.session.programme.opener = media
@@ -328,7 +329,8 @@ def test_media_that_may_not_be_named_are_refused_at_once(tmp_path: Path) -> None
         "udp://127.0.0.1:9": "add --allow-live",
         "/etc/passwd": "below its folder or a --media-root only",
         str(tmp_path / "gone.mkv"): "no such file",
-        str(tmp_path): "is a folder",
+        str(tmp_path / "empty"): "a folder without films and pictures",
+        str(tmp_path.parent): "below its folder or a --media-root only",
         "": "no file has such a name",
         "a\0b": "no file has such a name",
         "x" * 5000: "no file has such a name",
@@ -339,7 +341,8 @@ def test_media_that_may_not_be_named_are_refused_at_once(tmp_path: Path) -> None
                 stage.commands.run("loadfile", name, how)
     assert stage.commands.get("playlist") == ["a"]
     stage.commands.run("loadfile", str(tmp_path / "inside.mkv"), "append")
-    assert len(stage.commands.get("playlist")) == 2
+    stage.commands.run("loadfile", str(tmp_path), "append")
+    assert stage.commands.get("playlist") == ["a", *[str(tmp_path / "inside.mkv")] * 2]
 
 
 def advance_until(stage: Stage, condition: Callable[[], bool]) -> None:

@@ -274,6 +274,8 @@ def test_a_schedule_is_read(tmp_path: Path) -> None:
     assert found.plays(at("23 18:29:59"))
     assert found.plays(at("24 00:59:59"))
     assert not found.plays(at("23 20:00:29"))
+    assert found.opens(at("26 20:00:31")) == at("27 10:00:00")
+    assert found.opens(datetime(2026, 12, 23, 21)) == datetime(2026, 12, 26, 20, 0, 30)  # the 24th and 25th are closed
     (tmp_path / "hours.toml").write_text('format = 1\n[[projectors]]\naddress = "10.0.0.21"\n')
     assert read_schedule(tmp_path / "hours.toml").plays(at("23 20:00:29"))  # no hours: the show always plays
 
@@ -306,7 +308,11 @@ def test_a_wrong_schedule_is_told_in_a_line(was: str, now: str, message: str, tm
 def test_a_schedule_is_read_again_when_it_changes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "hours.toml"
     path.write_text(FILE)
+    path.chmod(0o644)
     schedule = ScheduleFile(path)
+    assert capfd.readouterr().err == f"{path}: other users can read its passwords; restrict it: chmod 600 {path}\n"
+    path.chmod(0o600)
+    ScheduleFile(path)
     first = schedule()
     path.write_text("damaged")
     assert schedule() is first

@@ -158,7 +158,11 @@ def test_lists_name_media_beside_them(tmp_path: Path) -> None:
     plain.write_text("# a comment\n\none.png\n/two.mp4\n")
     m3u.write_text("\ufeff#EXTM3U\n#EXTINF:3,Three\nthree.png\nhttp://x/four\n", encoding="utf-8")
     expected = [str(tmp_path / "one.png"), "/two.mp4", "zero.png", str(tmp_path / "three.png"), "http://x/four"]
-    assert [medium.name for medium in expand(media(plain, "zero.png", m3u), Border())] == expected
+    films = [str(tmp_path / f"film{number}.mkv") for number in (1, 2, 10)]
+    for name in (*films, tmp_path / ".film3.mkv", tmp_path / "notes.pdf"):
+        Path(name).touch()
+    found = expand(media(plain, "zero.png", m3u, tmp_path), Border())
+    assert [medium.name for medium in found] == [*expected, *films]
 
 
 @pytest.mark.parametrize(
@@ -172,6 +176,8 @@ def test_a_list_that_cannot_be_used(tmp_path: Path, contents: bytes, complaint: 
         expand(media(path), Border())
     with pytest.raises(InputError, match="no such file"):
         expand(media(tmp_path / "none.txt"), Border())
+    with pytest.raises(InputError, match=f"{tmp_path}: a folder without films and pictures"):
+        expand(media(tmp_path), Border())
     assert expand(media(path, "a.png"), Border(), patient=True) == media(path, "a.png")
 
 

@@ -328,9 +328,10 @@ def test_out_of_its_hours_a_show_is_black_and_projectors_are_off(
             show.process.send_signal(signal.SIGTERM)
             code, errors = show.ended()
     assert code == 130
-    assert errors.count("closed, by its schedule: black until the show begins") == 1
+    opens = f"{today + timedelta(days=3)} 00:00"
+    assert errors.count(f"closed, by its schedule: black until the show begins, {opens}\n") == 1
     assert errors.count("the show begins, by its schedule") == 2
-    assert errors.count("the show ends, by its schedule: black") == 1
+    assert errors.count(f"the show ends, by its schedule: black until the next show, {opens}\n") == 1
     assert "crash" not in errors
 
 

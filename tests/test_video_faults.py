@@ -4,6 +4,7 @@ import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -37,6 +38,11 @@ from tests.programs import ROOT, is_running
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")
 _NOTES = {".json", ".upstream", ".pillow"}
+# headers of pictures with 9000 x 9000 pixels
+PNG_HEADER = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBBI", 13, b"IHDR", 9000, 9000, 8, 2, 0, 0, 0, 0)
+TIFF_TAGS = {256: 9000, 257: 9000, 258: 8, 259: 1, 262: 1, 273: 8, 277: 1, 278: 9000, 279: 99}
+TIFF_INDEX = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in TIFF_TAGS.items())
+TIFF_HEADER = b"II*\0" + struct.pack("<IH", 8, len(TIFF_TAGS)) + TIFF_INDEX + bytes(4)
 HOSTILE = sorted(path for path in (SHARED / "hostile").glob("*/*") if path.suffix not in _NOTES)
 
 
@@ -201,7 +207,10 @@ os._exit(0)
     [
         ("absent.mp4", None, "no such file"),
         ("empty.mp4", b"", "empty"),
-        ("text.mp4", b"Dear reader,\n" * 40, "cannot read it"),
+        ("text.mp4", b"Dear reader,\n" * 40, "cannot read it .*; it is of an unknown kind or begins damaged"),
+        ("a b.heic", bytes(4) + b"ftypheic" + bytes(99), "HEIC .* for example: heif-convert 'a b.heic' 'a b.png'"),
+        ("large.png", PNG_HEADER, "large.png: claims 9000x9000 pixels, at most 67108864 are shown; scale it down"),
+        ("large.tif", TIFF_HEADER + bytes(99), "large.tif: more than 67108864 pixels, or its size is damaged"),
         ("text.txt", b"Dear reader,\n" * 40, "no video or picture|cannot read it"),
         ("text.exr", b"Dear reader,\n" * 40, "not a readable OpenEXR"),
         ("frames-%04d.png", None, "no file matches"),

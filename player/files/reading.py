@@ -8,6 +8,7 @@ the file that is read. player/files/tables.py checks the values of a table.
 import hashlib
 import os
 import re
+import shlex
 import stat
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -123,6 +124,12 @@ def is_below(name: str) -> bool:
     """Whether a relative path from a file stays below its folder."""
     path = PurePosixPath(name)
     return not (path.is_absolute() or ".." in path.parts or "\0" in name)
+
+
+def not_read(path: Path) -> str:
+    """Return the complaint about a picture in a format that is not read, with the command that converts it."""
+    command = shlex.join(["heif-convert", path.name, f"{path.stem}.png"])
+    return f"{path.suffix[1:].upper() or 'HEIF'} pictures are not read; convert it, for example: {command}"
 
 
 def read_toml(path: Path, fix: str) -> dict[str, Any]:

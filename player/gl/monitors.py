@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Literal
 
 import glfw
@@ -56,8 +55,9 @@ class Monitor:
 
 def start_glfw() -> None:
     """Start GLFW, or do nothing if it runs; raises AbsentError without a screen."""
-    _check_server()
-    with raising():
+    if _glfw_runs():
+        return
+    with _checked_server(), raising():
         try:
             started = glfw.init()
         except glfw.GLFWError as error:
@@ -67,9 +67,20 @@ def start_glfw() -> None:
     x11.end_in_words()
 
 
-@cache
-def _check_server() -> None:
-    """Check the X server before GLFW starts; raises InputError for a Wayland session without an X server.
+def _glfw_runs() -> bool:
+    with raising():
+        try:
+            glfw.get_platform()
+        except glfw.GLFWError:
+            return False
+    return True
+
+
+@contextmanager
+def _checked_server() -> Iterator[None]:
+    """Check the X server while GLFW starts; raises InputError for a Wayland session without an X server.
+
+    The connection stays open until GLFW has connected, because Xvfb resets when its last client leaves.
 
     After a window manager has died, the root window keeps a property that names its window. GLFW 3.4 then fails an
     assertion when it opens a window. This function deletes the property, as the next window manager would.
@@ -78,6 +89,7 @@ def _check_server() -> None:
         raise InputError(f"no screen: {WITHOUT_XWAYLAND}")
     with x11.connection() as display:
         if display is None:
+            yield
             return
         root, deadline = x11.root_of(display), time.monotonic() + STARTS_S
         while (named := x11.numbers(display, root, MANAGER)) and not x11.numbers(display, named[0], MANAGER):
@@ -85,6 +97,7 @@ def _check_server() -> None:
                 x11.forget(display, root, MANAGER)
                 tell("the window manager has died; going on without one")
             time.sleep(0.05)
+        yield
 
 
 def list_monitors() -> list[Monitor]:

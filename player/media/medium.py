@@ -164,10 +164,11 @@ class Border:
 
     @classmethod
     def around(cls, media: Iterable[Medium], roots: Iterable[Path], *, live: bool) -> Self:
-        """Return the border for a command line: the given roots, and the folders of the files that it names."""
-        files = [Path(medium.name) for medium in media if medium.live() is None]
-        folders = dict.fromkeys(os.path.abspath(folder) for folder in [*roots, *(file.parent for file in files)])
-        return cls(tuple(folders), live, frozenset(medium.name for medium in media if medium.live()))
+        """Return the border for a command line: the given roots, the folders and the folders of the files it names."""
+        named = [Path(medium.name) for medium in media if medium.live() is None]
+        folders = [*roots, *(path if os.path.isdir(path) else path.parent for path in named)]
+        absolute = tuple(dict.fromkeys(map(os.path.abspath, folders)))
+        return cls(absolute, live, frozenset(medium.name for medium in media if medium.live()))
 
     def within(self, folder: Path) -> "Border":
         """Return this border, extended by another folder."""

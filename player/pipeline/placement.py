@@ -24,6 +24,7 @@ Corner: TypeAlias = tuple[float, float]
 Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]
 FILE, FORMAT = "placement.toml", 1
 FARTHEST = 2.0  # how far outside the view a corner may lie, in widths or heights of the view
+SAMPLES = 64  # rows and columns of samples for the share of a picture
 SMALLEST_TURN = 1e-4  # smallest cross product of two adjacent sides, in areas of the view
 
 
@@ -105,6 +106,19 @@ def homography(corners: Corners, target: tuple[int, int], picture: tuple[int, in
     H = np.append(np.linalg.solve(equations, np.concatenate([u, v])), 1.0).reshape(3, 3)
     middle = H[2] @ (x.mean(), y.mean(), 1.0)
     return np.asarray(H / middle)
+
+
+def share_outside(corners: Corners, lit: NDArray[np.bool_]) -> float:
+    """Return the share of a picture at these corners that lies outside the lit pixels of a view.
+
+    lit : (view height, view width) bool.
+    """
+    at = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    picture = np.stack([*map(np.ravel, np.meshgrid(at, at)), np.ones(SAMPLES**2)])
+    x, y, w = np.linalg.solve(homography(corners, lit.shape, (1, 1)), picture)
+    columns, rows = (np.floor(each / w).astype(np.intp) for each in (x, y))
+    inside = (rows >= 0) & (rows < lit.shape[0]) & (columns >= 0) & (columns < lit.shape[1])
+    return float(1 - np.count_nonzero(lit[rows[inside], columns[inside]]) / SAMPLES**2)
 
 
 def read_placement(folder: Path) -> Corners | None:

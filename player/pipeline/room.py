@@ -17,11 +17,14 @@ from counterlight.files.tables import Table
 from counterlight.maps import room_maps as maps
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps
+from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.drift import Drift, read_drift
+from counterlight.pipeline.placement import Corners, corners_of, place, share_outside
 from counterlight.pipeline.refinement import STARTS, Advice, Offer, advice_of, default_steps
 from counterlight.pipeline.views_together import check_views, with_shared_darkness
 from counterlight.viewpoints import Places, Viewpoint, folders_of, is_set, read_places
 
+LEAST_UNLIT = 0.03  # least share of a picture without light that is reported
 DITHERS = ("ordered", "noise", "none")
 
 
@@ -93,6 +96,19 @@ class Room:
     def outside(self, viewpoint: Viewpoint) -> str | None:
         """Return a line about viewers beyond all views; None if there are none."""
         return None if self.places is None else self.places.outside(viewpoint)
+
+    def unlit(self, pixels: PixelFormat, corners: Corners | None) -> str | None:
+        """Return a line about the part of a medium that gets no light; None if small, or with several cameras.
+
+        corners : of the picture in the view; None fits it.
+        """
+        shape = self.calibration.camera.shape
+        if self.calibration.screen is not None:
+            return None
+        share = share_outside(corners or corners_of(place(pixels, shape), shape), self.lit & self.calibration.mask)
+        if share <= LEAST_UNLIT:
+            return None
+        return f"{100 * share:.0f} % of the picture lies beyond the projector's light; key k places it (docs/player.md)"
 
     @property
     def lit(self) -> BoolArray:

@@ -75,7 +75,7 @@ def _parser(description: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "media",
         nargs="*",
-        help="videos, pictures (.exr: camera radiance), numbered pictures such as name%%05d.png, or lists (.m3u, .txt)",
+        help="videos, pictures (.exr: camera radiance), numbered pictures (name%%05d.png), folders, lists (.m3u, .txt)",
     )
     for title, rows in GROUPS.items():
         group = parser.add_argument_group(title)

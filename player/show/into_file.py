@@ -41,6 +41,8 @@ def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustmen
         if options.start:
             reader.seek(options.start)
         room = read_room()
+        if unlit := room.seen_from(adjustments.viewpoint).unlit(reader.info.format, adjustments.corners):
+            tell(unlit)
         stats = _rendered(options, reader, room, adjustments)
         for notice in reader.notices():
             tell(notice)

@@ -9,23 +9,18 @@ from counterlight.media.decoding.devices import PROCESSOR
 from counterlight.media.medium import Border, Medium
 from counterlight.media.video import MediaReader
 from counterlight.show.lookup import LookUp
-from counterlight.show.playlist import is_list, read_list
+from counterlight.show.playlist import entries_of, listed
 
 BROWSE_S = 0.1  # longest time that a show waits for a folder
 MOST_LISTED = 2000  # most paths that are listed per folder
 
 
 def _listed(medium: Medium) -> dict[str, list[str]]:
-    medium.check()
-    folder = Path(medium.name)
-    try:
-        entries = sorted(each for each in medium.inside(folder).iterdir() if not each.name.startswith("."))[
-            :MOST_LISTED
-        ]
-    except OSError as error:
-        raise InputError(f"{folder}: {error.strerror}; check its name and its rights") from None
-    folders = [str(folder / each.name) for each in entries if each.is_dir()]
-    return {"folders": folders, "files": [str(folder / each.name) for each in entries if each.is_file()]}
+    entries = entries_of(medium)[:MOST_LISTED]
+    return {
+        "folders": [str(each) for each in entries if each.is_dir()],
+        "files": [str(each) for each in entries if each.is_file()],
+    }
 
 
 class Media:
@@ -46,14 +41,14 @@ class Media:
         return medium
 
     def find(self, medium: Medium) -> list[Medium]:
-        """Return the medium itself, or the media of a list. May take long.
+        """Return the medium itself, or the media of a list or a folder. May take long.
 
         Raises InputError if they obviously cannot be played.
         """
-        if is_list(medium):
-            return read_list(medium, self._border)
-        medium.look()
-        return [medium]
+        found = listed(medium, self._border)
+        if found == [medium]:
+            medium.look()
+        return found
 
     def browse(self, folder: str) -> dict[str, list[str]]:
         """Return the paths of the folders and files in a folder, or the border's folders if `folder` is empty.

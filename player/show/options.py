@@ -301,7 +301,7 @@ GROUPS: dict[str, dict[str, Option]] = {
             common=True,
             several=True,
         ),
-        "list-monitors": Option("list the monitors and exit", FLAG, False, setting=False),
+        "list-monitors": Option("list the monitors and exit", FLAG, False, common=True, setting=False),
         "any-size": _Window("fill a monitor that does not have the projector's size", FLAG, False),
         "vsync": _Window("wait for the display's refresh", FLAG, True),
         "audio": Option("play the sound, or copy it into the file of --output", FLAG, True),
@@ -332,7 +332,8 @@ GROUPS: dict[str, dict[str, Option]] = {
     },
     "output to a file": {
         "output": Option(
-            "render into a file without a window: .mp4, .mov, .webm, .mkv (lossless), .png, .exr, or name%05d.png",
+            "render one medium into a file, without a window and without fades: .mp4, .mov, .webm, .mkv (lossless), "
+            ".png, .exr, or name%05d.png",
             PATH,
             value="FILE",
             common=True,

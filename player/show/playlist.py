@@ -1,13 +1,20 @@
-"""The media that are played in turn: media of the command line, and lists of media in .m3u and .txt files."""
+"""The media that are played in turn: media of the command line, lists in .m3u and .txt files, and folders."""
 
+import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.errors import InputError
 from counterlight.media.medium import Border, Medium, live_address
-from counterlight.writing.numbered import number_of
+from counterlight.writing.numbered import natural, number_of
 
 LISTS = (".m3u", ".m3u8", ".txt")
+# suffixes of the films and pictures that a folder stands for
+PLAYED = re.compile(
+    r"\.(avi|flv|m2ts|m4v|mkv|mov|mp4|mpe?g|mts|mxf|ogv|ts|webm|wmv|"
+    r"avif|bmp|dpx|exr|gif|hei[cf]|jp2|jpe?g|jxl|png|ppm|tga|tiff?|webp)"
+)
 MAX_LIST_BYTES = 4 << 20
 MAX_MEDIA = 10_000
 
@@ -59,7 +66,7 @@ class Playlist:
 
 
 def expand(media: Sequence[Medium], border: Border, *, patient: bool = False) -> list[Medium]:
-    """Replace every list by the media that it lists, as far as the border allows.
+    """Replace every list and every folder by its media, as far as the border allows.
 
     Raises InputError if a list cannot be read or too many media are left.
 
@@ -68,7 +75,7 @@ def expand(media: Sequence[Medium], border: Border, *, patient: bool = False) ->
     found: list[Medium] = []
     for medium in media:
         try:
-            found += read_list(medium, border) if is_list(medium) else [medium]
+            found += listed(medium, border)
         except InputError:
             if not patient:
                 raise
@@ -94,7 +101,37 @@ def files_of(medium: Medium) -> list[Path]:
 
 
 def is_list(medium: Medium) -> bool:
-    return Path(medium.name).suffix.lower() in LISTS and live_address(medium.name) is None
+    """Whether a name means a list or a folder. Looks at the disk only for names without a suffix."""
+    path = Path(medium.name)
+    named = path.suffix.lower() in LISTS or (not path.suffix and os.path.isdir(path))
+    return named and live_address(medium.name) is None
+
+
+def listed(medium: Medium, border: Border) -> list[Medium]:
+    """Return the media of a list or a folder, otherwise the medium itself. May take long."""
+    if medium.live() is None and os.path.isdir(medium.name):
+        return _in_folder(medium, border)
+    return read_list(medium, border) if is_list(medium) else [medium]
+
+
+def entries_of(medium: Medium) -> list[Path]:
+    """Return what a folder holds, sorted as people count. Names that begin with a dot are omitted."""
+    medium.check()
+    folder = Path(medium.name)
+    try:
+        names = [name for name in os.listdir(medium.inside(folder)) if not name.startswith(".")]
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror}; check its name and its rights") from None
+    return [folder / name for name in sorted(names, key=natural)]
+
+
+def _in_folder(medium: Medium, border: Border) -> list[Medium]:
+    """Return the films and pictures of a folder. For a folder of the command line, they may be below the folder."""
+    found = [path for path in entries_of(medium) if PLAYED.fullmatch(path.suffix.lower())]
+    if not found:
+        raise InputError(f"{medium}: a folder without films and pictures; name a folder with some, or a file")
+    inner = border.within(Path(medium.name)) if medium.roots is None else border
+    return [inner.medium(str(path)) for path in found]
 
 
 def read_list(medium: Medium, border: Border) -> list[Medium]:

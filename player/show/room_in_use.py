@@ -111,6 +111,10 @@ class RoomInUse:
         """Return the default corners of a picture."""
         return corners_of(place(pixels, self.placed_on), self.placed_on)
 
+    def unlit(self, pixels: PixelFormat, corners: Corners | None) -> str | None:
+        """Return a line about the part of a medium that gets no light, see Room."""
+        return self._seen.unlit(pixels, corners)
+
     def keep(self, corners: Corners | None) -> Path:
         """Store corners for later shows, and return the path of the file."""
         return write_placement(self._folder, corners)

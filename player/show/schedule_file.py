@@ -1,5 +1,6 @@
 """The schedule file: when a show plays, and which projectors it uses (docs/unattended.md)."""
 
+import shlex
 import threading
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
@@ -36,6 +37,8 @@ class ScheduleFile:
 
     def __init__(self, path: Path) -> None:
         self._path, self._changed, self._schedule = path, _changed(path), read_schedule(path)
+        if path.stat().st_mode & 0o077 and any(projector.password for projector in self._schedule.projectors):
+            tell(f"{path}: other users can read its passwords; restrict it: chmod 600 {shlex.quote(str(path))}")
         self._lock = threading.Lock()
 
     def __call__(self) -> Schedule:

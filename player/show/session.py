@@ -375,6 +375,8 @@ class Session:
             if start_s:
                 self.playback.seek(start_s)
             self._start = None
+            if unlit := self.room.unlit(reader.info.format, self.adjustments.corners):
+                tell(unlit)
         self.programme.plays()
         if self.placing is not None and self.adjustments.corners is None:
             self.placing.refit(self.room.fit(reader.info.format))

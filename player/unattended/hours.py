@@ -10,6 +10,7 @@ from counterlight.errors import InputError
 from counterlight.unattended.pjlink import Projector, status_of, switch
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+AHEAD_DAYS = 366  # days in which the next hours are sought
 LOOK_S, AGAIN_S = 600.0, 10.0  # time between two queries of a projector, and of a projector that has not yet obeyed
 
 
@@ -27,8 +28,11 @@ class Hours:
     def cover(self, now: datetime, closed: frozenset[date]) -> bool:
         return any(self._from(now.date() - timedelta(days=before), now, closed) for before in (0, 1))
 
+    def begins(self, day: date, closed: frozenset[date]) -> bool:
+        return day.weekday() in self.days and day not in closed
+
     def _from(self, day: date, now: datetime, closed: frozenset[date]) -> bool:
-        if day.weekday() not in self.days or day in closed:
+        if not self.begins(day, closed):
             return False
         last = day if self.end > self.begin else day + timedelta(days=1)
         return datetime.combine(day, self.begin) <= now < datetime.combine(last, self.end)
@@ -51,6 +55,13 @@ class Schedule:
 
     def plays(self, now: datetime) -> bool:
         return self.hours is None or any(each.cover(now, self.closed) for each in self.hours)
+
+    def opens(self, now: datetime) -> datetime | None:
+        """Return when the hours begin next after `now`; None if they do not within a year."""
+        days = [now.date() + timedelta(days=ahead) for ahead in range(AHEAD_DAYS)]
+        hours = self.hours or ()
+        begins = [datetime.combine(day, each.begin) for day in days for each in hours if each.begins(day, self.closed)]
+        return min((begin for begin in begins if begin > now), default=None)
 
     def lit(self, now: datetime) -> bool:
         """Whether the projectors should be on."""

@@ -208,6 +208,7 @@ class Supervisor:
     notifier : reports to the service manager that started the supervisor.
     plays : whether the schedule says that the show plays now.
     below : whether the curtain also runs while a player runs, in windows below the player's windows.
+    opens : returns when the show begins next by the schedule; None if unknown.
     """
 
     def __init__(
@@ -218,8 +219,9 @@ class Supervisor:
         plays: Callable[[], bool] | None = None,
         *,
         below: bool,
+        opens: Callable[[], datetime | None] = lambda: None,
     ) -> None:
-        self._players, self._notifier, self._plays = players, notifier, plays
+        self._players, self._notifier, self._plays, self._opens = players, notifier, plays, opens
         self._curtain, self._below = curtain, below
         # whether the show played by the schedule at the last look, and whether the show has ended since
         self._open, self._over = True, False
@@ -239,7 +241,7 @@ class Supervisor:
             signal.signal(number, self._on_signal)
         self._open = self._is_time()
         if not self._open:
-            _say("closed, by its schedule: black until the show begins")
+            self._say_black("closed, by its schedule: black until the show begins")
         try:
             return self._run()
         finally:
@@ -340,7 +342,10 @@ class Supervisor:
             return False
         self._open, self._over, self._place, self._level = not self._open, False, Place(), 0
         self._crashes.forget()
-        _say("the show begins, by its schedule" if self._open else "the show ends, by its schedule: black")
+        if self._open:
+            _say("the show begins, by its schedule")
+        else:
+            self._say_black("the show ends, by its schedule: black until the next show")
         return True
 
     def _has_ended(self, code: int) -> bool:
@@ -348,9 +353,16 @@ class Supervisor:
         if self._plays is None or code != DONE or self._signal is not None or self._again:
             return False
         if self._open and not self._over:
-            _say("the show has ended: black until its next hours")
+            self._say_black("the show has ended: black until its next hours")
         self._over, self._place = True, Place()
         return True
+
+    def _say_black(self, line: str) -> None:
+        """Print why the picture is black, and when the show begins; also as the status of the service."""
+        opens = self._opens()
+        line = line if opens is None else f"{line}, {opens:%Y-%m-%d %H:%M}"
+        _say(line)
+        self._tell(line)
 
     def _is_final(self, code: int) -> bool:
         """Whether the show ends with this exit code. Otherwise the player has crashed, and a line reports this."""
@@ -423,11 +435,15 @@ def supervise(
     def plays() -> bool:
         return schedule is None or schedule().plays(datetime.now())
 
+    def opens() -> datetime | None:
+        return None if schedule is None else schedule().opens(datetime.now())
+
     notifier, keeper = Notifier(notify_socket), None if schedule is None else Keeper(schedule)
     players: list[Player] = [play, plain] if safe == "plain" else [play]
     curtain = Curtain([*python, "counterlight.gl.curtain", *monitors])
     try:
-        return Supervisor(players, curtain, notifier, None if schedule is None else plays, below=fullscreen).run()
+        planned = None if schedule is None else plays
+        return Supervisor(players, curtain, notifier, planned, below=fullscreen, opens=opens).run()
     finally:
         if keeper is not None:
             keeper.close()

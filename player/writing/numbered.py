@@ -29,6 +29,11 @@ def number_of(pattern: str, name: str) -> int | None:
     return number if name_of(pattern, number) == name else None
 
 
+def natural(name: str) -> list[tuple[int, str]]:
+    """Return a sort key that puts `capture_2` before `capture_10`."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"([0-9]+)", name.lower()) if part]
+
+
 def sequence_at(pattern: Path) -> list[str]:
     """Return the names of an existing sequence, numbered from 0. A new sequence replaces all of them.
 

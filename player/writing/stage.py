@@ -75,6 +75,9 @@ def staged(target: Path) -> Iterator[Stage]:
             clean_up(target.parent)
         stage.new.mkdir()
         yield stage
+    except KeyboardInterrupt as signalled:
+        signalled.add_note("nothing half-written remains")
+        raise
     finally:
         _remove(stage)
         os.close(handle)

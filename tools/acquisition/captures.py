@@ -16,6 +16,7 @@ from typing import Any
 
 from counterlight.errors import InputError
 from counterlight.files.picture_files import SUFFIXES
+from counterlight.writing.numbered import natural
 
 _NAMED = re.compile(r"(?:.*_)?(?P<axis>[xy])_bit(?P<bit>\d{1,2})_(?P<sign>pos|inv)", re.IGNORECASE)
 
@@ -60,7 +61,7 @@ def find_captures(folder: Path, cells: tuple[int, int], order: str | None = None
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the folder that holds the captures")
-    pictures = sorted((p for p in folder.iterdir() if _is_picture(p)), key=lambda p: _natural(p.name))
+    pictures = sorted((p for p in folder.iterdir() if _is_picture(p)), key=lambda p: natural(p.name))
     if not pictures:
         raise InputError(f"{folder}: no captures in it; expected Gray-code pictures ({', '.join(SUFFIXES)})")
     if order is None:
@@ -72,11 +73,6 @@ def find_captures(folder: Path, cells: tuple[int, int], order: str | None = None
 
 def _is_picture(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Returns a sort key that puts `capture_2` before `capture_10`."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"([0-9]+)", name.lower()) if part]
 
 
 def _by_position(folder: Path, pictures: Sequence[Path], cells: tuple[int, int]) -> Captures:

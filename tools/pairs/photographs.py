@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.files.picture_files import MAX_BYTES
-from counterlight.files.reading import read_bytes
+from counterlight.files.reading import not_read, read_bytes
 from counterlight.files.silence import silence
 from counterlight.response import Response
 from counterlight.tools.hdr import photographs as stored
@@ -49,7 +49,11 @@ def files_in(folder: Path) -> list[Path]:
     """Return the pictures of a folder in the order of their numbers."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected a folder of pictures")
-    found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file()]
+    entries = [path for path in folder.iterdir() if path.is_file()]
+    found = [path for path in entries if path.suffix.lower() in SUFFIXES]
+    unread = [path for path in entries if path.suffix.lower() in (".heic", ".heif", ".avif")]
+    if unread and not found:
+        raise InputError(f"{min(unread)}: {not_read(min(unread))}")
     return sorted(found, key=lambda path: (number_of(path) is None, number_of(path) or 0, path.name))
 
 

@@ -59,7 +59,8 @@ def known_tags(data: bytes) -> bytes:
 DEFAULT_RATE = 25.0
 _PICTURE_CODECS = {"gif", "apng", "webp", "webp_anim"}
 _CENTERED_CODECS = {"mjpeg", "mjpegb", "mpeg1video", "webp", "jpegls"}
-_FIX = f"it is damaged, larger than {MAX_PIXELS} pixels or of an unknown kind: copy or export it again"
+_AGAIN = "copy or export it again"
+_FIX = f"it is damaged: {_AGAIN}"
 
 
 class FfmpegSource:
@@ -128,7 +129,8 @@ class FfmpegSource:
                 options |= {"framerate": str(rate), "start_number": str(self._sequence.start)}
                 self._container = open_sequence(self._medium, path, options)
         except (av.FFmpegError, OSError) as error:
-            raise InputError(f"{self.path}: FFmpeg cannot read it ({reason(error)}); {_FIX}") from None
+            why = f"FFmpeg cannot read it ({reason(error)})"
+            raise InputError(f"{self.path}: {why}; it is of an unknown kind or begins damaged: {_AGAIN}") from None
         self._stream = self._video_stream()
 
     def _video_stream(self) -> av.VideoStream:
@@ -140,16 +142,25 @@ class FfmpegSource:
         assert isinstance(stream, av.VideoStream)
         context: av.VideoCodecContext | None = stream.codec_context
         if context is None:
-            raise InputError(f"{self.path}: FFmpeg does not know its video codec; {_FIX}")
-        if context.width * context.height > MAX_PIXELS:
-            claim = f"claims {context.width}x{context.height} pixels, at most {MAX_PIXELS} are shown"
-            raise InputError(f"{self.path}: {claim}; scale it down, unless it is damaged")
+            raise InputError(f"{self.path}: FFmpeg does not know its video codec; export it in another, such as H.264")
         self._codec = context.name
+        width, height = (context.width, context.height) if context.width else self._size_in_header()
+        if width * height > MAX_PIXELS:
+            claim = f"claims {width}x{height} pixels, at most {MAX_PIXELS} are shown"
+            raise InputError(f"{self.path}: {claim}; scale it down, unless it is damaged")
         pictures = container_name == "image2" or container_name.endswith("_pipe")
         self._picture = pictures or self._codec in _PICTURE_CODECS
         context.options = {"max_pixels": str(MAX_PIXELS)} | ({"err_detect": "explode"} if self._picture else {})
         stream.thread_type = "AUTO"
         return stream
+
+    def _size_in_header(self) -> tuple[int, int]:
+        """Return (width, height) of a PNG, whose size FFmpeg does not state if it exceeds the limit; otherwise 0, 0."""
+        if self._codec != "png" or self._sequence is not None:
+            return 0, 0
+        with Path(self.path).open("rb") as file:
+            header = file.read(24)
+        return struct.unpack_from(">II", header, 16) if len(header) == 24 else (0, 0)
 
     def _first(self, pictures: Iterator[Decoded]) -> tuple[Decoded, Tags]:
         """Decode the first picture and put it back. A medium without a second picture is a still."""
@@ -287,7 +298,7 @@ class FfmpegSource:
                     count += 1
                     yield frame
         except (av.FFmpegError, OSError, MemoryError) as error:
-            self._tolerate(self._damaged(None if resume else count, reason(error)))
+            self._tolerate(self._undecoded(None if resume else count, error))
 
     def _decode(self, packet: "av.Packet[av.VideoStream]", number: int | None) -> list[av.VideoFrame]:
         """Return the pictures that a packet completes.
@@ -297,7 +308,7 @@ class FfmpegSource:
         try:
             return [frame for frame in packet.decode() if isinstance(frame, av.VideoFrame)]
         except (av.FFmpegError, OSError, MemoryError) as error:
-            self._tolerate(self._damaged(number, reason(error)))
+            self._tolerate(self._undecoded(number, error))
             return []
 
     def _samples(self, frame: av.VideoFrame, count: int) -> Samples:
@@ -365,6 +376,11 @@ class FfmpegSource:
             file.seek(-min(64, path.stat().st_size), 2)
             if not file.read().rstrip(b"\0").endswith(b";"):
                 raise self._damaged(None, "the GIF ends before its trailer")
+
+    def _undecoded(self, count: int | None, error: BaseException) -> InputError:
+        if self._picture and isinstance(error, av.ArgumentError):  # decoders of pictures refuse a size in this way
+            return InputError(f"{self.path}: more than {MAX_PIXELS} pixels, or its size is damaged; scale it down")
+        return self._damaged(count, reason(error))
 
     def _damaged(self, count: int | None, reason: str) -> InputError:
         number = "" if count is None else f"frame {count} cannot be decoded: "

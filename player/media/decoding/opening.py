@@ -12,8 +12,10 @@ from av.codec.hwaccel import HWAccel
 from av.container import InputContainer
 
 from counterlight.errors import InputError
+from counterlight.files.reading import not_read
 from counterlight.media.medium import LiveAddress, Medium
 
+HEIF = b"heic", b"heix", b"heim", b"heis", b"mif1"  # brands of a file with a picture
 OPEN_S, READ_S = 10.0, 5.0  # FFmpeg's time limits for networks
 _PICTURES = "image2"  # FFmpeg recognises it by suffix; for a name `*.y` it also opens `*.u` and `*.v`
 _STREAMS = "rtsp,rtp"
@@ -38,8 +40,17 @@ def open_file(
     medium: Medium, path: Path, options: Mapping[str, str] | None = None, hwaccel: HWAccel | None = None
 ) -> InputContainer:
     """Open one regular file of a medium. Raises InputError and FFmpeg's errors."""
+    _refuse_heif(path, file := medium.file(path))
     formats = FORMATS if path.name.lower().endswith(".y") else f"{FORMATS},{_PICTURES}"
-    return _open(f"file:{medium.file(path)}", formats, {"pattern_type": "none", **(options or {})}, hwaccel=hwaccel)
+    return _open(f"file:{file}", formats, {"pattern_type": "none", **(options or {})}, hwaccel=hwaccel)
+
+
+def _refuse_heif(path: Path, file: Path) -> None:
+    """Raise InputError for a picture of HEIF, which FFmpeg would show as one of its tiles. FFmpeg reads AVIF."""
+    with file.open("rb") as opened:
+        head = opened.read(64)
+    if head[4:8] == b"ftyp" and head[8:12] in HEIF and b"avif" not in head:
+        raise InputError(f"{path}: {not_read(path)}")
 
 
 def open_sequence(medium: Medium, pattern: Path, options: Mapping[str, str]) -> InputContainer:
