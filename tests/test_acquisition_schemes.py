@@ -17,7 +17,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     CameraSettings,
     MemoryScreen,
     SimulatedCamera,
-    SimulatedEye,
+    SimulatedDevice,
     SimulatedRoom,
 )
 from counterlight.tools.acquisition.linearity import SHOTS
@@ -340,7 +340,7 @@ def test_shots_of_a_capture_are_averaged_and_the_threshold_follows_their_noise(r
     assert error(nine.measured.transport, truth) < 0.5 * error(one.measured.transport, truth)
 
 
-class CountingEye(SimulatedEye):
+class CountingDevice(SimulatedDevice):
     """Counts the frames that are skipped, and records the exposure times."""
 
     def __init__(self, room: SimulatedRoom, settings: CameraSettings) -> None:
@@ -362,10 +362,10 @@ class CountingEye(SimulatedEye):
 
 def test_shots_of_one_exposure_follow_each_other_without_a_wait(rng: np.random.Generator) -> None:
     settings = replace(NOISY, exposures=(1.0, 1.0, 1.0, 0.5, 0.5), lag=2)
-    eye = CountingEye(room_of(sharp_wall(rng)), settings)
-    camera = LiveCamera(MemoryScreen(PROJECTOR), eye, Exposures(settings.exposures), lag=2)
+    device = CountingDevice(room_of(sharp_wall(rng)), settings)
+    camera = LiveCamera(MemoryScreen(PROJECTOR), device, Exposures(settings.exposures), lag=2)
     shots = camera.capture(0, np.full((*PROJECTOR, 3), 255, np.uint8))
-    assert (len(shots), eye.exposed, eye.passed) == (5, [1.0, 0.5], 4)
+    assert (len(shots), device.exposed, device.passed) == (5, [1.0, 0.5], 4)
 
 
 # Schemes against the truth.

@@ -17,7 +17,12 @@ from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.averaging import MOST_REPEATS, Aim, Averaging, error_by_noise, random_pixels
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedCamera, SimulatedEye
+from counterlight.tools.acquisition.cameras.simulated import (
+    CameraSettings,
+    MemoryScreen,
+    SimulatedCamera,
+    SimulatedDevice,
+)
 from counterlight.tools.acquisition.pace import CHECKS_S, Pace, computing_s, duration
 from counterlight.tools.acquisition.plan import Expected, Level, MakeScheme, Noise, Picture, Reference
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
@@ -255,7 +260,7 @@ def test_options_that_contradict_are_refused(
     assert message in capsys.readouterr().err
 
 
-class CountingEye(SimulatedEye):
+class CountingDevice(SimulatedDevice):
     def __init__(self, projector: Shape, settings: CameraSettings, truth: Transport) -> None:
         super().__init__(room_of(truth, projector=projector), settings, MemoryScreen(projector))
         self.waited = -1  # a frame skips all frames up to its own
@@ -266,17 +271,17 @@ class CountingEye(SimulatedEye):
 
 
 def test_captures_of_a_picture_that_stands_follow_each_other_without_a_wait(rng: np.random.Generator) -> None:
-    eye = CountingEye(PROJECTOR, NOISY, sharp_wall(rng))
-    camera = LiveCamera(MemoryScreen(PROJECTOR), eye, Exposures(), lag=3)
+    device = CountingDevice(PROJECTOR, NOISY, sharp_wall(rng))
+    camera = LiveCamera(MemoryScreen(PROJECTOR), device, Exposures(), lag=3)
     white, black = (np.full((*PROJECTOR, 3), level, np.uint8) for level in (255, 0))
     waits = []
     for number, picture in enumerate((white, white.copy(), black, white)):
-        before = eye.waited
+        before = device.waited
         camera.capture(number, picture)
-        waits.append(eye.waited - before - 1)
+        waits.append(device.waited - before - 1)
     camera.show(black)  # the checks also show pictures between captures
     camera.capture(4, white)
-    assert [*waits, eye.waited - before - 1 - (3 + 1)] == [3, 0, 3, 3, 3]
+    assert [*waits, device.waited - before - 1 - (3 + 1)] == [3, 0, 3, 3, 3]
 
 
 @pytest.mark.parametrize("electrons", [20000.0, 5000.0])

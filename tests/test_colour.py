@@ -37,7 +37,7 @@ def compensated(room: ColouredRoom, colour: str, neutral: FloatArray) -> tuple[f
     """PSNR in screen primaries of the drive through all nine matrices, and the tier that computed its targets."""
     tier = tier_of(room.calibration, room.transport, colour)
     desired = WHITE * picture(room.calibration.camera.shape)
-    drive = prepare("box", tier.transport, room.calibration.mask).solve(tier.asked(desired)).drive
+    drive = prepare("box", tier.transport, room.calibration.mask).solve(tier.target(desired)).drive
     seen = room.radiance(drive) @ np.linalg.inv(neutral).T
     return psnr(float(np.mean(((seen - desired) / WHITE) ** 2))), tier
 
@@ -93,7 +93,7 @@ def test_a_tier_says_what_a_drive_of_any_colour_looks_like(rng: np.random.Genera
     seen = tier.mixing.on_screen(room.radiance(drive))
     rounding = 3e-6 * np.linalg.cond(neutral)  # float32 T and F, times Q
     np.testing.assert_allclose(tier.seen(drive), seen, atol=rounding)
-    asked = tier.asked(seen).reshape(-1, 3)
+    asked = tier.target(seen).reshape(-1, 3)
     np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=4 * rounding)  # rounding, times A
 
 
@@ -168,7 +168,7 @@ def test_floodlights_that_make_no_sense_make_no_nan(rng: np.random.Generator, ki
     tier = tier_of(calibration, room.transport, colour)
     assert np.isfinite(tier.transport.near.weights).all()
     assert tier.transport.near.weights.min() >= 0
-    asked = tier.asked(tier.white * picture(calibration.camera.shape))
+    asked = tier.target(tier.white * picture(calibration.camera.shape))
     assert np.isfinite(asked).all()
     assert np.isfinite(tier.reach).all()
     drive = prepare("box", tier.transport, calibration.mask).solve(asked).drive
@@ -195,7 +195,7 @@ def test_white_is_what_a_drive_of_the_primaries_shows_at_its_brightest(rng: np.r
     room = coloured_room(rng, paint=0.3, ambient=0.1)
     tier = tier_of(room.calibration, room.transport, "pixel")
     grey = np.repeat(tier.reach.min(axis=2, keepdims=True), 3, axis=2)
-    share = tier.asked(grey) / tier.transport.composition().reshape(grey.shape)
+    share = tier.target(grey) / tier.transport.composition().reshape(grey.shape)
     np.testing.assert_allclose(share.max(axis=2), 1, atol=1e-5)  # float32 A and T
 
 
@@ -325,7 +325,7 @@ def test_unlike_projectors_on_one_surface_come_near_the_optimum_of_all_primaries
     # the gamut of the LEDs contains the primaries of the colour wheel
     assert [device.colour is None for device in joint.calibration.projectors] == [False, True]
     desired = WHITE * picture(UNLIKE_CAMERA)
-    drive = prepare("box", joint.tier.transport, joint.calibration.mask).solve(joint.tier.asked(desired)).drive
+    drive = prepare("box", joint.tier.transport, joint.calibration.mask).solve(joint.tier.target(desired)).drive
     lit = [
         room.radiance(part) for room, part in zip(rooms, shown(joint, drive.reshape(height, 2 * width, 3)), strict=True)
     ]

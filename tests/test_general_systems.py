@@ -123,5 +123,5 @@ def test_mixed_channels_are_solved_as_one_system(rng: np.random.Generator, k: in
     np.testing.assert_allclose(np.linalg.lstsq(systems.matrix(), light)[0], p, atol=1e-9)
     tier = tier_of(calibration, transport, "pixel")
     wanted = tier.mixing.on_screen(systems.seen(calibration, light) + calibration.ambient)
-    found = prepare("svd", tier.transport).solve(tier.asked(wanted)).unclamped
+    found = prepare("svd", tier.transport).solve(tier.target(wanted)).unclamped
     np.testing.assert_allclose(found, systems.raster(p), atol=2e-4)  # float32 of T, F and the mixing; condition 30

@@ -16,7 +16,7 @@ from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition.cameras import machine_vision
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.cameras.machine_vision import MachineVisionEye, open_machine_vision_eye
+from counterlight.tools.acquisition.cameras.machine_vision import MachineVisionDevice, open_machine_vision_device
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
@@ -38,20 +38,20 @@ def emulation(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def eye() -> Iterator[MachineVisionEye]:
-    with open_machine_vision_eye("0815-0001") as opened:
+def device() -> Iterator[MachineVisionDevice]:
+    with open_machine_vision_device("0815-0001") as opened:
         yield opened
 
 
-def set_to(eye: MachineVisionEye, **settings: str) -> None:
+def set_to(device: MachineVisionDevice, **settings: str) -> None:
     """Change settings of the emulation, which accepts them only between frames."""
-    eye._camera.StopGrabbing()
+    device._camera.StopGrabbing()
     for name, value in settings.items():
-        eye._camera.GetNodeMap().GetNode(name).FromString(value)
-    eye._camera.StartGrabbing(eye._pylon.GrabStrategy_OneByOne)
+        device._camera.GetNodeMap().GetNode(name).FromString(value)
+    device._camera.StartGrabbing(device._pylon.GrabStrategy_OneByOne)
 
 
-def look_at(eye: MachineVisionEye, path: Path, sites: np.ndarray) -> None:
+def look_at(device: MachineVisionDevice, path: Path, sites: np.ndarray) -> None:
     """Make the emulation's next frames show `sites`, (height, width), uint16.
 
     The emulation keeps the bits of its format.
@@ -59,38 +59,38 @@ def look_at(eye: MachineVisionEye, path: Path, sites: np.ndarray) -> None:
     assert cv2.imwrite(str(path), sites)
     height, width = sites.shape
     files = {"TestImageSelector": "Off", "ImageFilename": str(path), "ImageFileMode": "On"}
-    set_to(eye, Width=str(width), Height=str(height), ExposureTimeAbs=str(round(1e6 * SHUTTER_S)), **files)
+    set_to(device, Width=str(width), Height=str(height), ExposureTimeAbs=str(round(1e6 * SHUTTER_S)), **files)
 
 
-def setting(eye: MachineVisionEye, name: str) -> str:
-    return str(eye._camera.GetNodeMap().GetNode(name).ToString())
+def setting(device: MachineVisionDevice, name: str) -> str:
+    return str(device._camera.GetNodeMap().GetNode(name).ToString())
 
 
 def test_a_camera_is_found_by_serial_or_number() -> None:
     for wanted, name in (("0815-0000", "0815-0000"), ("0", "0815-0000"), ("1", "0815-0001")):
-        with open_machine_vision_eye(wanted) as opened:
+        with open_machine_vision_device(wanted) as opened:
             assert opened.name == f"pylon Emulation {name}"
     with (
         pytest.raises(
             InputError, match=r"pylon:7: no such camera, found: 0: Emulation 0815-0000, 1: Emulation 0815-0001;"
         ),
-        open_machine_vision_eye("7"),
+        open_machine_vision_device("7"),
     ):
         pass
 
 
-def test_what_it_does_by_itself_is_off(eye: MachineVisionEye) -> None:
+def test_what_it_does_by_itself_is_off(device: MachineVisionDevice) -> None:
     for name in ("ExposureAuto", "GainAuto"):
-        assert setting(eye, name) == "Off"
-    assert setting(eye, "AcquisitionFrameRateEnable") == "0"
-    assert float(setting(eye, "Gamma")) == 1
-    assert float(setting(eye, "Gain")) == float(setting(eye, "BlackLevel")) == 0
-    assert (setting(eye, "TriggerSelector"), setting(eye, "TriggerMode")) == ("FrameStart", "On")
-    assert setting(eye, "TriggerSource") == "Software"
-    assert setting(eye, "PixelFormat") in {f"Bayer{first}12" for first in machine_vision.MOSAICS}
+        assert setting(device, name) == "Off"
+    assert setting(device, "AcquisitionFrameRateEnable") == "0"
+    assert float(setting(device, "Gamma")) == 1
+    assert float(setting(device, "Gain")) == float(setting(device, "BlackLevel")) == 0
+    assert (setting(device, "TriggerSelector"), setting(device, "TriggerMode")) == ("FrameStart", "On")
+    assert setting(device, "TriggerSource") == "Software"
+    assert setting(device, "PixelFormat") in {f"Bayer{first}12" for first in machine_vision.MOSAICS}
 
 
-def test_a_setting_that_it_keeps_is_refused(eye: MachineVisionEye, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_setting_that_it_keeps_is_refused(device: MachineVisionDevice, monkeypatch: pytest.MonkeyPatch) -> None:
     class Stubborn:
         def ToString(self) -> str:  # noqa: N802
             return "Continuous"
@@ -98,91 +98,91 @@ def test_a_setting_that_it_keeps_is_refused(eye: MachineVisionEye, monkeypatch: 
         def FromString(self, value: str) -> None:  # noqa: N802
             pass
 
-    monkeypatch.setattr(eye, "_node", lambda name: Stubborn())
+    monkeypatch.setattr(device, "_node", lambda name: Stubborn())
     with pytest.raises(InputError, match="0815-0001: keeps GainAuto at Continuous, expected Off; set it by hand"):
-        eye._set("GainAuto", "Off")
+        device._set("GainAuto", "Off")
 
 
-def test_exposures_are_seconds(eye: MachineVisionEye) -> None:
-    eye.expose(1 / 60)
-    assert float(setting(eye, "ExposureTime")) == pytest.approx(1e6 / 60, abs=1)  # in microseconds
+def test_exposures_are_seconds(device: MachineVisionDevice) -> None:
+    device.expose(1 / 60)
+    assert float(setting(device, "ExposureTime")) == pytest.approx(1e6 / 60, abs=1)  # in microseconds
     with pytest.raises(InputError, match=r"no exposure of 100 s, its range is 1e-06 to 10 s"):
-        eye.expose(100)
+        device.expose(100)
 
 
 @pytest.mark.parametrize("first", machine_vision.MOSAICS)
 def test_all_twelve_bits_of_each_colour_arrive(
-    eye: MachineVisionEye, rng: np.random.Generator, tmp_path: Path, first: str
+    device: MachineVisionDevice, rng: np.random.Generator, tmp_path: Path, first: str
 ) -> None:
-    set_to(eye, PixelFormat=f"Bayer{first}12")
-    eye._colours, eye._bits = np.array(machine_vision.MOSAICS[first]), 12
+    set_to(device, PixelFormat=f"Bayer{first}12")
+    device._colours, device._bits = np.array(machine_vision.MOSAICS[first]), 12
     light = rng.integers(0, 4095, (24, 32, 3))
     sites = np.zeros((48, 64), np.uint16)
     for y, x in np.ndindex(2, 2):
         sites[y::2, x::2] = 16 * light[..., machine_vision.MOSAICS[first][y][x]]
-    look_at(eye, tmp_path / "wall.png", sites)
-    shot = eye.frame()
+    look_at(device, tmp_path / "wall.png", sites)
+    shot = device.frame()
     assert shot.dtype == np.uint16
     assert np.abs(shot - light * (TOP / 4095)).max() <= HALF
 
 
-def test_clipped_sites_and_grey_cameras(eye: MachineVisionEye, rng: np.random.Generator, tmp_path: Path) -> None:
+def test_clipped_sites_and_grey_cameras(device: MachineVisionDevice, rng: np.random.Generator, tmp_path: Path) -> None:
     sites = rng.integers(0, 40000, (48, 64)).astype(np.uint16)
     sites[5, 7] = 65535
-    look_at(eye, tmp_path / "wall.png", sites)
-    clipped = Exposures().saturated([eye.frame()])
+    look_at(device, tmp_path / "wall.png", sites)
+    clipped = Exposures().saturated([device.frame()])
     assert np.array_equal(np.argwhere(clipped), [[2, 3]])
-    eye._colours = None
-    assert np.abs(eye.frame() - (sites >> 4) * (TOP / 4095)).max() <= HALF
+    device._colours = None
+    assert np.abs(device.frame() - (sites >> 4) * (TOP / 4095)).max() <= HALF
 
 
-def test_each_frame_is_one_that_began_after_it_was_asked_for(eye: MachineVisionEye, tmp_path: Path) -> None:
+def test_each_frame_is_one_that_began_after_it_was_asked_for(device: MachineVisionDevice, tmp_path: Path) -> None:
     for value in (4000, 16000, 32000, 8000):
-        look_at(eye, tmp_path / f"{value}.png", np.full((32, 48), value, np.uint16))
-        assert np.abs(eye.frame() - (value >> 4) * (TOP / 4095)).max() <= HALF
+        look_at(device, tmp_path / f"{value}.png", np.full((32, 48), value, np.uint16))
+        assert np.abs(device.frame() - (value >> 4) * (TOP / 4095)).max() <= HALF
 
 
-def test_a_frame_that_is_lost_on_its_way_is_taken_again(eye: MachineVisionEye, tmp_path: Path) -> None:
-    look_at(eye, tmp_path / "wall.png", np.full((32, 48), 16000, np.uint16))
+def test_a_frame_that_is_lost_on_its_way_is_taken_again(device: MachineVisionDevice, tmp_path: Path) -> None:
+    look_at(device, tmp_path / "wall.png", np.full((32, 48), 16000, np.uint16))
 
     def lose(frames: int) -> None:
-        nodes = eye._camera.GetNodeMap()
+        nodes = device._camera.GetNodeMap()
         nodes.GetNode("ForceFailedBufferCount").Value = frames
         nodes.GetNode("ForceFailedBuffer").Execute()
 
     lose(2)
-    assert eye.frame().max() > 0
+    assert device.frame().max() > 0
     lose(3)
     with pytest.raises(
         InputError, match=r"0815-0001: 3 frames in a row were damaged \(.*\); try another cable or port"
     ):
-        eye.frame()
+        device.frame()
 
 
-def test_a_camera_that_gives_nothing_is_one_line(eye: MachineVisionEye, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_that_gives_nothing_is_one_line(device: MachineVisionDevice, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine_vision, "ANSWER_S", 0.2)
-    set_to(eye, ExposureTimeAbs="3000000")  # microseconds until the emulation answers
+    set_to(device, ExposureTimeAbs="3000000")  # microseconds until the emulation answers
     with pytest.raises(InputError, match=r"0815-0001: gives no more frames; plug it in again and run the same"):
-        eye.frame()
+        device.frame()
 
 
-def test_an_unplugged_camera_is_one_line(eye: MachineVisionEye) -> None:
-    eye._camera.Close()  # an emulated camera cannot be unplugged
-    for act in (eye.frame, eye.skip, lambda: eye.expose(0.01)):
+def test_an_unplugged_camera_is_one_line(device: MachineVisionDevice) -> None:
+    device._camera.Close()  # an emulated camera cannot be unplugged
+    for act in (device.frame, device.skip, lambda: device.expose(0.01)):
         with pytest.raises(InputError, match=r"0815-0001: is unplugged; plug it in again and run the same command"):
             act()
 
 
-def test_another_programs_camera_is_one_line(eye: MachineVisionEye, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_programs_camera_is_one_line(device: MachineVisionDevice, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(camera: object) -> None:
-        raise eye._genicam.AccessException("The device is controlled by another application. : thrown (file 'x')")
+        raise device._genicam.AccessException("The device is controlled by another application. : thrown (file 'x')")
 
-    monkeypatch.setattr(eye._pylon.InstantCamera, "Open", refuse)  # the emulation can be opened twice
+    monkeypatch.setattr(device._pylon.InstantCamera, "Open", refuse)  # the emulation can be opened twice
     with (
         pytest.raises(
             InputError, match=r"0000: cannot be opened \(.*controlled by another application\); close the pro"
         ),
-        open_machine_vision_eye("0"),
+        open_machine_vision_device("0"),
     ):
         pass
 
@@ -192,25 +192,25 @@ class PaintedScreen:
 
     refresh_hz: float | None = None
 
-    def __init__(self, eye: MachineVisionEye, room: SimulatedRoom, folder: Path) -> None:
-        self._eye, self._folder, self._sensor = eye, folder, SimulatedCamera(room, replace(NOISY, seed=3))
+    def __init__(self, device: MachineVisionDevice, room: SimulatedRoom, folder: Path) -> None:
+        self._device, self._folder, self._sensor = device, folder, SimulatedCamera(room, replace(NOISY, seed=3))
         self.shape, self._shown = room.projector, 0
 
     def show(self, codes: Codes) -> None:
         self._shown += 1
         self._sensor.screen.show(codes)
-        self._sensor.eye.begin(self._shown)
-        self._sensor.eye.expose(self._sensor.exposures.times[0])
-        shot = self._sensor.eye.frame()
-        look_at(self._eye, self._folder / f"{self._shown}.png", mosaic_of(shot.astype(np.float64)))
+        self._sensor.device.begin(self._shown)
+        self._sensor.device.expose(self._sensor.exposures.times[0])
+        shot = self._sensor.device.frame()
+        look_at(self._device, self._folder / f"{self._shown}.png", mosaic_of(shot.astype(np.float64)))
 
 
-def test_an_acquisition_through_it(eye: MachineVisionEye, rng: np.random.Generator, tmp_path: Path) -> None:
+def test_an_acquisition_through_it(device: MachineVisionDevice, rng: np.random.Generator, tmp_path: Path) -> None:
     room = room_of(sharp_wall(rng))
-    set_to(eye, PixelFormat="BayerRG12")
-    eye._colours = np.reshape(RGGB, (2, 2))
-    screen = PaintedScreen(eye, room, tmp_path)
-    camera = LiveCamera(screen, eye, Exposures((SHUTTER_S,)))
+    set_to(device, PixelFormat="BayerRG12")
+    device._colours = np.reshape(RGGB, (2, 2))
+    screen = PaintedScreen(device, room, tmp_path)
+    camera = LiveCamera(screen, device, Exposures((SHUTTER_S,)))
     found = run(room, MultiplexedScheme(), camera=camera)
     assert found.room.floodlight.shape == (*CAMERA, 3)
     assert found.check.error < 0.05  # noise is 1 %; rounding to 12 bits adds less

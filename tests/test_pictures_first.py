@@ -19,7 +19,7 @@ from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
-from counterlight.tools.acquisition.few.acquire import acquire_pictures, check_asked
+from counterlight.tools.acquisition.few.acquire import acquire_pictures, check_count
 from counterlight.tools.acquisition.few.order import BLACK, PRIMARIES, RAMPS, Order, Turns
 from counterlight.tools.acquisition.plan import Picture
 from counterlight.tools.acquisition.store import MemoryStore
@@ -231,13 +231,13 @@ def test_stopped_before_there_are_enough_it_is_an_interruption(rng: np.random.Ge
 
 def test_too_few() -> None:
     with pytest.raises(InputError, match=r"--pictures 8: a projector of 40x32 needs 9 or more"):
-        check_asked(8, [PROJECTOR])
+        check_count(8, [PROJECTOR])
 
 
 def test_too_few_for_two() -> None:
-    check_asked(17, [PROJECTOR, (20, 24)])
+    check_count(17, [PROJECTOR, (20, 24)])
     with pytest.raises(InputError, match=r"--pictures 16: projectors of 40x32 and 24x20 need 17 or more"):
-        check_asked(16, [PROJECTOR, (20, 24)])
+        check_count(16, [PROJECTOR, (20, 24)])
 
 
 def test_a_projector_that_is_off(rng: np.random.Generator) -> None:

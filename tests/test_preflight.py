@@ -14,8 +14,8 @@ from scipy import sparse
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Shot
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
-from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye, shutter_time
-from counterlight.tools.acquisition.cameras.video import VideoEye
+from counterlight.tools.acquisition.cameras.tethered import open_tethered_device, shutter_time
+from counterlight.tools.acquisition.cameras.video import VideoDevice
 from counterlight.tools.acquisition.cameras.window import projector_monitor
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.preflight import CHECKS, Finding, preflight
@@ -47,7 +47,7 @@ class Faulty(SimulatedCamera):
         seen: Callable[[Shot, int], Any] = lambda shot, since: shot,
     ) -> None:
         super().__init__(room, NOISY)
-        frame, skip, show = self.eye.frame, self.eye.skip, self.screen.show
+        frame, skip, show = self.device.frame, self.device.skip, self.screen.show
         self.since, self.mean = 0, -1.0
 
         def counted_skip() -> None:  # a frame skips one frame, too
@@ -59,8 +59,8 @@ class Faulty(SimulatedCamera):
             self.mean = codes.mean()
             show(shown(codes))
 
-        self.eye.skip, self.screen.show = counted_skip, changed_show  # type: ignore[method-assign]
-        self.eye.frame = lambda: np.clip(seen(frame(), self.since), 0, 65535).astype(np.uint16)  # type: ignore[method-assign]
+        self.device.skip, self.screen.show = counted_skip, changed_show  # type: ignore[method-assign]
+        self.device.frame = lambda: np.clip(seen(frame(), self.since), 0, 65535).astype(np.uint16)  # type: ignore[method-assign]
 
 
 @pytest.mark.parametrize("lag", [0, 1, 4])
@@ -207,16 +207,16 @@ class Driver:
 
 def test_a_video_camera_is_set_by_hand() -> None:
     driver = Driver()
-    eye = VideoEye("/dev/video0", driver)
+    device = VideoDevice("/dev/video0", driver)
     assert driver.settings[cv2.CAP_PROP_AUTO_EXPOSURE] == 1
     assert driver.settings[cv2.CAP_PROP_AUTO_WB] == 0
-    eye.expose(1 / 60)
+    device.expose(1 / 60)
     assert driver.settings[cv2.CAP_PROP_EXPOSURE] == 167  # units of 100 µs
-    assert eye.frame()[0, 0].tolist() == [0, 0, 200]
-    eye.skip()
-    eye.skip()
+    assert device.frame()[0, 0].tolist() == [0, 0, 200]
+    device.skip()
+    device.skip()
     with pytest.raises(InputError, match="gives no more frames"):
-        eye.frame()
+        device.frame()
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_a_video_camera_is_set_by_hand() -> None:
 )
 def test_a_video_camera_that_ignores_a_setting_is_refused(prop: int, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        VideoEye("/dev/video0", Driver((prop,))).expose(0.05)
+        VideoDevice("/dev/video0", Driver((prop,))).expose(0.05)
 
 
 def test_shutter_times() -> None:
@@ -238,7 +238,7 @@ def test_shutter_times() -> None:
 
 def test_without_its_package_gphoto2_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gphoto2", None)
-    with pytest.raises(InputError, match=r"pip install 'counterlight\[gphoto2\]'"), open_tethered_eye(LINEAR):
+    with pytest.raises(InputError, match=r"pip install 'counterlight\[gphoto2\]'"), open_tethered_device(LINEAR):
         pass
 
 

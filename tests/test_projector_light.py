@@ -17,7 +17,12 @@ from counterlight.tools.acquisition import store
 from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedEye, SimulatedRoom
+from counterlight.tools.acquisition.cameras.simulated import (
+    CameraSettings,
+    MemoryScreen,
+    SimulatedDevice,
+    SimulatedRoom,
+)
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.store import Wanted
@@ -35,7 +40,7 @@ BLACK = 0.002  # light at code 0, as a share of full drive
 MIXED = np.array([[0.88, 0.12, 0], [0.06, 0.88, 0.06], [0, 0.12, 0.88]])
 
 
-class OddEye(SimulatedEye):
+class OddDevice(SimulatedDevice):
     """Sees a projector with any function from codes to light. Each camera channel sees a mixture of the primaries."""
 
     def __init__(self, room: SimulatedRoom, settings: CameraSettings, light: Light, mixing: FloatArray) -> None:
@@ -56,7 +61,7 @@ def acquired(
 ) -> Acquisition:  # fmt: skip
     """Return a noisy acquisition of a wall whose brightest pixel is at 70 % of full scale."""
     room = room_of(transport or sharp_wall(rng))
-    eye = OddEye(room, settings, light, np.eye(3) if mixing is None else mixing)
+    eye = OddDevice(room, settings, light, np.eye(3) if mixing is None else mixing)
     time = 0.7 / float(eye.radiance(np.full((*PROJECTOR, 3), 255, np.uint8)).max())
     return run(room, HierarchicalScheme(), camera=LiveCamera(eye.screen, eye, Exposures((time,))), given=given)
 

@@ -17,7 +17,6 @@ from counterlight.tools.joining.projectors import joined
 from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Answer, cheapest, sentence
-from counterlight.tools.study.questions.asked import Asked, Tried, answered, tried
 from counterlight.tools.study.questions.page import headed
 from counterlight.tools.study.questions.place import (
     MOST_PIXELS,
@@ -28,6 +27,7 @@ from counterlight.tools.study.questions.place import (
     made_coarser,
     next_to_each_other,
 )
+from counterlight.tools.study.questions.room_answers import RoomAnswers, Tried, answered, tried
 from counterlight.tools.study.results import Row
 from counterlight.tools.transport.objective import DEFAULT_AIMS
 from counterlight.tools.transport.storage import read_transport
@@ -252,7 +252,7 @@ def test_the_verdict_is_of_the_room_at_its_own_size() -> None:
 
 
 def test_the_page_begins_with_the_verdict() -> None:
-    room = Asked("room", "It is good <enough>.", (figures.steps([]),), "camera 2x2")
+    room = RoomAnswers("room", "It is good <enough>.", (figures.steps([]),), "camera 2x2")
     sections = headed([room], {"asked room": "asked_room.png"})
     assert [section.title.partition(": ")[2] for section in sections] == [
         "the verdict",

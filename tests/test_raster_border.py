@@ -116,7 +116,7 @@ def test_asked_for_its_share_the_border_arrives_as_it_would_have(
     assert share is not None
     errors = []
     for mixing in (Mixing(), Mixing().shared(share)):
-        b = mixing.asked(np.repeat(wanted.reshape(*CAMERA, 1), 3, axis=2))
+        b = mixing.unmixed(np.repeat(wanted.reshape(*CAMERA, 1), 3, axis=2))
         objective = objective_of(transport, room, DEFAULT_AIMS, mixing)
         drive = prepare("box", transport, room.mask, objective).solve(b).drive.reshape(*PROJECTOR, 3)
         shown = Drift((moved_by(*SHIFT),)).shown(np.clip(drive, 0, 1), REGIONS)[..., 0]
@@ -133,8 +133,8 @@ def test_shares_divide_what_is_asked_and_multiply_what_is_seen(rng: np.random.Ge
     for mixing in (Mixing(), Mixing(None, pixel)):
         shared = mixing.shared(share)
         # rounding to float32
-        np.testing.assert_allclose(shared.asked(light), share[..., None] * mixing.asked(light), rtol=1e-5)
-        np.testing.assert_allclose(shared.seen(shared.asked(light)), light, rtol=1e-5)
+        np.testing.assert_allclose(shared.unmixed(light), share[..., None] * mixing.unmixed(light), rtol=1e-5)
+        np.testing.assert_allclose(shared.seen(shared.unmixed(light)), light, rtol=1e-5)
 
 
 def test_a_room_is_played_with_its_shares(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -19,7 +19,7 @@ from counterlight.tools import acquire_transport, fit_projector_response, merge_
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
-from counterlight.tools.acquisition.cameras.tethered import TetheredEye
+from counterlight.tools.acquisition.cameras.tethered import TetheredDevice
 from counterlight.tools.hdr.photographs import read_photograph
 from counterlight.tools.hdr.raw_files import TOP, decode_raw
 from counterlight.tools.transport.storage import read_transport
@@ -308,10 +308,10 @@ class Tether:
 def test_a_still_camera_may_give_raw(mosaic: np.ndarray) -> None:
     content = dng(mosaic, white=WHITE)
     tether = Tether("capt0000.dng", content)
-    shot = TetheredEye(tether, tether, Response("linear")).frame()
+    shot = TetheredDevice(tether, tether, Response("linear")).frame()
     assert np.array_equal(shot, decode_raw(content, "capt0000.dng"))
     with pytest.raises(InputError, match=r"Still: --camera-response: capt0000\.dng is camera RAW"):
-        TetheredEye(tether, tether, Response("srgb")).frame()
+        TetheredDevice(tether, tether, Response("srgb")).frame()
     tether = Tether("capt0000.heif", b"ftypheic" * 20)
     with pytest.raises(InputError, match=r"capt0000\.heif: neither PNG nor JPEG; .*; set the camera to RAW or JPEG"):
-        TetheredEye(tether, tether, Response("linear")).frame()
+        TetheredDevice(tether, tether, Response("linear")).frame()

@@ -53,12 +53,12 @@ CHANGES: dict[str, tuple[dict[str, Any], str, bool]] = {
     ),
     "a camera": (
         {"cameras": [(0, 0), (1, 0)]},
-        rf"camera 2 has moved by (1\.0|0\.9)\d, {PIXEL} of its pixels: put it back \(the others are asked\)",
+        rf"camera 2 has moved by (1\.0|0\.9)\d, {PIXEL} of its pixels: put it back \(the others are used\)",
         True,
     ),
     "a camera and a picture": (
         {"cameras": [(0, 1), (0, 0)], "shifts": [(-0.7, 0.4), (0, 0)]},
-        rf"camera 1 has moved by {PIXEL}, (1\.0|0\.[89])\d of its pixels: put it back \(the others are asked\); "
+        rf"camera 1 has moved by {PIXEL}, (1\.0|0\.[89])\d of its pixels: put it back \(the others are used\); "
         rf"projector 1's picture has moved by -0\.[67]\d, 0\.[34]\d pixels \(its corners by up to {PIXEL}\): corrected",
         True,
     ),

@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None) -> None:
     from threadpoolctl import threadpool_limits
 
     from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
-    from counterlight.tools.acquisition.few.acquire import check_asked
+    from counterlight.tools.acquisition.few.acquire import check_count
     from counterlight.tools.acquisition.rig import open_rig
     from counterlight.tools.acquisition.schemes.blocks import is_wide
     from counterlight.tools.acquisition.store import Wanted
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None) -> None:
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
         if options.pictures:
-            check_asked(options.pictures, projectors)
+            check_count(options.pictures, projectors)
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
         monitors = tuple(options.monitor) if len(projectors) > 1 else ()
         pictures = options.pictures or 0

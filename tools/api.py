@@ -373,7 +373,7 @@ def solve(
     wanted = arguments.picture(picture, room.camera, "picture", of_white=white is None)
     radiance = arguments.white(white, tier.white)
     target = wanted * radiance
-    b = tier.asked(target)
+    b = tier.target(target)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
     drive = np.clip(prepare(solver, T, coloured.lit, objective if priors else None).solve(b).unclamped, 0, 1)
     bound = objective.unweighted.certificate(drive, b.reshape(-1, 3))

@@ -177,7 +177,7 @@ def _once(
         from counterlight.tools.acquisition.verify import Verification
 
         photographer.expose(checked.exposures)
-        _show(options, Verification(photographer, stored, wanted, drift, checked.asked), stage)
+        _show(options, Verification(photographer, stored, wanted, drift, checked.used), stage)
     return 0
 
 

@@ -79,7 +79,7 @@ class Mixing:
         """Return M₀ s: camera radiance of a picture in screen primaries, (…, 3)."""
         return light if self.neutral is None else light @ self.neutral.T.astype(light.dtype)
 
-    def asked(self, light: Light) -> Light:
+    def unmixed(self, light: Light) -> Light:
         """Return A s: light above ambient, (camera height, camera width, 3), as light of the maps' transport."""
         return light if self.inverse is None else mixed(self.inverse, light)
 
@@ -104,8 +104,8 @@ class Mixing:
         """Return B y: light of the maps' transport, (camera height, camera width, 3), in screen primaries."""
         return light if self.pixel is None else mixed(self.pixel, light)
 
-    def asked_transpose(self, light: Light) -> Light:
-        """Apply Aᵀ, the transpose of the matrix in `asked`."""
+    def unmixed_transpose(self, light: Light) -> Light:
+        """Apply Aᵀ, the transpose of the matrix in `unmixed`."""
         return light if self.inverse is None else mixed(np.swapaxes(self.inverse, -1, -2), light)
 
     def seen_transpose(self, light: Light) -> Light:

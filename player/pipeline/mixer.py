@@ -29,9 +29,9 @@ class Mixer(Owning, Generic[Picture]):
         """The matrices A."""
         return self._pictures(self._mixing.inverse)
 
-    def asked(self, light: Picture) -> Picture:
+    def unmixed(self, light: Picture) -> Picture:
         """Return A light; valid until the next call."""
-        return light if self.rows is None else self._asked.draw(Mix(light, self.black, self.rows))
+        return light if self.rows is None else self._unmixed.draw(Mix(light, self.black, self.rows))
 
     @cached_property
     def seen_rows(self) -> Rows[Picture] | None:
@@ -58,7 +58,7 @@ class Mixer(Owning, Generic[Picture]):
         return self._owner.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
 
     @cached_property
-    def _asked(self) -> Canvas[Picture]:
+    def _unmixed(self) -> Canvas[Picture]:
         return self._owner.own(self.canvas())
 
     @cached_property

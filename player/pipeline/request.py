@@ -147,7 +147,7 @@ class Request(Owning, Generic[Picture]):
         near_light, mixer = self._near_light, self._mixer
         adapter = self._owner.own(
             self._device.adapter(
-                lambda light: near_light(mixer.asked(light)), self._ambient, self._maps.most, self._room.white
+                lambda light: near_light(mixer.unmixed(light)), self._ambient, self._maps.most, self._room.white
             )
         )
         adapter.set(self._adjustments.adapt, self._placed.unit, self._adjustments.black_level)

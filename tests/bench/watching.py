@@ -55,8 +55,8 @@ def captures(
     for number in range(LOOP_S * CAPTURES_PER_S):
         drive = frames[number * FRAMES_PER_S // CAPTURES_PER_S].reshape(-1, 3).astype(np.float64)
         camera.screen.show(encoded((R @ drive).reshape(*room.projector.shape, 3), room.response))
-        camera.eye.expose(camera.exposures.shortest)
-        shot = camera.eye.frame()
+        camera.device.expose(camera.exposures.shortest)
+        shot = camera.device.frame()
         found.append(cv2.imencode(".png", shot[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 1))[1].tobytes())
     return found
 

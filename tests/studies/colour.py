@@ -41,7 +41,7 @@ def distances(condition: float, noise: float) -> list[str]:
     given = measured(room, rng, noise) if noise else room
     for colour in TIERS:
         tier = tier_of(given.calibration, given.transport, colour)
-        drive = prepare("box", tier.transport, room.calibration.mask).solve(tier.asked(desired)).drive
+        drive = prepare("box", tier.transport, room.calibration.mask).solve(tier.target(desired)).drive
         seen = room.radiance(drive) @ Q.T
         found.append(f"{best - psnr(float(np.mean((seen - desired) ** 2))):.2f}")
     return [*found, tier.mixing.tier]

@@ -242,7 +242,7 @@ def _compensated(tier: Tier) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     box = prepare("box", tier.transport, room.mask, objective)
     drives, asked = [], []
     for picture in _pictures(room.camera.shape):
-        light = objective.bounded(tier.asked(Picture("", picture).linear * tier.white).reshape(-1, 3))
+        light = objective.bounded(tier.target(Picture("", picture).linear * tier.white).reshape(-1, 3))
         drives.append(np.clip(box.solve(light).drive, 0, 1).reshape(*room.projector.shape, 3))
         asked.append(light.reshape(*room.camera.shape, 3))
     return np.array(drives, np.float32), np.array(asked, np.float32)

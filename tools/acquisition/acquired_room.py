@@ -251,6 +251,6 @@ def _light_outside(room: Calibration, transport: Transport) -> LightOutside:
         return LightOutside(unseen, None)
     tier = tier_of(room, transport)
     objective = objective_of(tier.transport, room, DEFAULT_AIMS, tier.mixing)
-    white = tier.asked(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3)
+    white = tier.target(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3)
     drive, _ = Box(objective, most_steps=CHECK_EVERY).run(white)  # unseen pixels are dark after the first steps
     return LightOutside(unseen, objective.light_outside(drive))

@@ -76,7 +76,7 @@ class Looked:
 
     black, white : (camera height, camera width, 3). Radiance.
     usable : (camera height, camera width) bool. Camera pixels that were not saturated.
-    asked : per camera, whether its captures are used.
+    used : per camera, whether its captures are used.
     """
 
     def __init__(
@@ -86,20 +86,20 @@ class Looked:
         white: FloatArray,
         noise: Noise,
         usable: BoolArray,
-        asked: tuple[bool, ...],
+        used: tuple[bool, ...],
     ) -> None:
         self.known, self.black, self.white, self.noise, self.usable = known, black, white, noise, usable
-        self.asked, self.after = asked, (white - black).reshape(-1, 3)
-        self._of_asked = np.any([known.room.pixels_of(number) for number, ask in enumerate(asked) if ask], axis=0)
-        self.counts: BoolArray = known.room.mask & usable & self._of_asked
+        self.used, self.after = used, (white - black).reshape(-1, 3)
+        self._of_used = np.any([known.room.pixels_of(number) for number, ask in enumerate(used) if ask], axis=0)
+        self.counts: BoolArray = known.room.mask & usable & self._of_used
 
-    def asking(self, asked: tuple[bool, ...], exposures: FloatArray) -> "Looked":
+    def using(self, used: tuple[bool, ...], exposures: FloatArray) -> "Looked":
         """Returns the room restricted to some cameras, with each camera's light divided by its exposure.
 
         exposures : (cameras, 3). Exposure of each camera relative to its exposure at the calibration.
         """
         black, white = (divided(picture, self.known.room, exposures) for picture in (self.black, self.white))
-        return Looked(self.known, black, white, self.noise, self.usable, asked)
+        return Looked(self.known, black, white, self.noise, self.usable, used)
 
     @cached_property
     def inner(self) -> BoolArray:
@@ -126,7 +126,7 @@ class Looked:
     def room_light(self) -> tuple[float, float, bool]:
         """The room's light before and now as shares of the floodlight, and whether it has changed."""
         room = self.known.room
-        lit, old, new = self.known.lit.reshape(room.camera.shape) & self._of_asked, room.ambient, self.black
+        lit, old, new = self.known.lit.reshape(room.camera.shape) & self._of_used, room.ambient, self.black
         level = float(self.known.before[lit.ravel()].mean())
         change = np.where(lit[..., None], new - old, 0)
         for view in room.views:
@@ -147,7 +147,7 @@ class Looked:
         known, shape = self.known, self.known.room.camera.shape
         lights = [luminance(gain * light) for gain, light in zip(gains, known.of_projectors, strict=True)]
         before, after = np.asarray(sum(lights)), luminance(self.after)
-        judged = (self.usable & self._of_asked).ravel() & lit(after) & (sum(known.shares) <= INNER)
+        judged = (self.usable & self._of_used).ravel() & lit(after) & (sum(known.shares) <= INNER)
         alone = judged & (np.max(lights, axis=0) >= OWN * before) & (before > 0)
         share = np.clip(before[alone] / after[alone], LEAST_SHARE, 1)
         surely = 1 - share > np.maximum(SHARED, SURE * self._unsure(alone) / after[alone])
@@ -161,8 +161,8 @@ class Looked:
         return np.asarray(np.linalg.norm(np.array(LUMINANCE) * sigma, axis=1))
 
     def ambient(self) -> FloatArray:
-        """Returns the room's light now; pixels of cameras that are not asked keep the calibrated light."""
-        return np.where(self._of_asked[..., None], np.clip(self.black, 0, None), self.known.room.ambient)
+        """Returns the room's light now; pixels of unused cameras keep the calibrated light."""
+        return np.where(self._of_used[..., None], np.clip(self.black, 0, None), self.known.room.ambient)
 
 
 def divided(light: FloatArray, room: Calibration, exposures: FloatArray) -> FloatArray:

@@ -99,11 +99,11 @@ class _Rig:
         """Show a picture and yield the mean light (3,) of the lit pixels per frame, at the shortest exposure."""
         self._number += 1
         exposures = self.camera.exposures
-        self.camera.eye.expose(exposures.shortest)
+        self.camera.device.expose(exposures.shortest)
         self.camera.show(self.picture(level))
-        self.camera.eye.begin(self._number)
+        self.camera.device.begin(self._number)
         for _ in range(count):
-            yield exposures.one(self.camera.eye.frame(), exposures.shortest)[self.lit].mean(axis=0)
+            yield exposures.one(self.camera.device.frame(), exposures.shortest)[self.lit].mean(axis=0)
 
     def above_black(self, level: int | Codes) -> FloatArray:
         """Returns the light of a picture above black, summed over the lit pixels: (3,)."""
@@ -144,13 +144,13 @@ def ambient(rig: _Rig) -> Finding:
 
 def exposure(rig: _Rig) -> Finding:
     """Check that half the exposure time gives half the light."""
-    eye, clear = rig.camera.eye, rig.lit & ~rig.camera.exposures.saturated(rig.white)
+    device, clear = rig.camera.device, rig.lit & ~rig.camera.exposures.saturated(rig.white)
     rig.camera.show(rig.picture(255))
     levels = []
     for share in (1, 0.5):
-        eye.expose(share * rig.camera.exposures.shortest)
+        device.expose(share * rig.camera.exposures.shortest)
         rig.camera.wait(rig._slow)
-        levels.append(rig.camera.exposures.one(eye.frame(), 1.0)[clear].mean())
+        levels.append(rig.camera.exposures.one(device.frame(), 1.0)[clear].mean())
     ratio = float(levels[1] / levels[0]) if levels[0] > 0 else 0.0
     known = rig.camera.exposures.known
     if not known and ratio <= FOLLOWED:
@@ -225,7 +225,7 @@ def flicker(rig: _Rig) -> Finding:
     if beats > CALM:
         period = f"1/{hz:.0f} s" if hz else "the projector's refresh time"
         return Finding("flicker", "bad", f"white flickers by {100 * beats:.1f} %: expose for a multiple of {period}")
-    if hz and rig.camera.eye.timed and any(_uneven(time * hz) for time in times):
+    if hz and rig.camera.device.timed and any(_uneven(time * hz) for time in times):
         return Finding("flicker", "doubtful", f"exposures suit {hz:.0f} Hz badly: take multiples of {1000 / hz:.1f} ms")
     return Finding("flicker", "good", f"white flickers by {100 * beats:.2f} % from frame to frame")
 

@@ -21,7 +21,7 @@ from counterlight.raster import side_by_side
 from counterlight.tools.acquisition.aiming import Framing, brightest, framing, sharpness, shown
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.folder import AimedFolder
-from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera, Screen
+from counterlight.tools.acquisition.cameras.live import CameraDevice, LiveCamera, Screen
 from counterlight.tools.acquisition.cameras.window import WindowScreen
 from counterlight.tools.acquisition.rig import open_rig
 
@@ -43,7 +43,7 @@ def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
     """
     with open_rig(options) as (camera, projectors):
         if isinstance(camera, LiveCamera):
-            aim = _Aim(camera.screen, camera.eye, camera.exposures, max(SETTLED, camera.lag))
+            aim = _Aim(camera.screen, camera.device, camera.exposures, max(SETTLED, camera.lag))
         else:
             folder = AimedFolder(Path(options.camera[0].partition(":")[2]), side_by_side(projectors)[0])
             aim = _Aim(folder, folder, camera.exposures, None)
@@ -54,8 +54,8 @@ def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
 class _Aim:
     """The preview loop; `settled` is the frames until a picture has arrived, or None if another program photographs."""
 
-    def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, settled: int | None) -> None:
-        self._screen, self._eye, self._exposures, self._settled = screen, eye, exposures, settled
+    def __init__(self, screen: Screen, device: CameraDevice, exposures: Exposures, settled: int | None) -> None:
+        self._screen, self._device, self._exposures, self._settled = screen, device, exposures, settled
         self._steps, self._card, self._best = 0, 0, 0.0
         self._framing: Framing | None = None
         self._blinks_at = float("-inf")
@@ -70,8 +70,8 @@ class _Aim:
         """Show the preview; returns whether the acquisition should begin."""
         self._show_card()
         if self._settled is not None:
-            self._eye.expose(self._exposures.shortest)
-        shot = self._eye.frame()
+            self._device.expose(self._exposures.shortest)
+        shot = self._device.frame()
         with _opened_window(shot, self._screen, projectors) as window:
             while True:
                 light = self._exposures.one(shot, 1.0)
@@ -90,7 +90,7 @@ class _Aim:
             self._framing = self._blink(self._settled)
             ended = time.monotonic()
             self._blinks_at = ended + max(BLINK_S, SELDOM * (ended - began))
-        return self._eye.frame()
+        return self._device.frame()
 
     def _blink(self, settled: int) -> Framing | None:
         black, again = self._settled_frames(0, 2, settled)
@@ -100,8 +100,8 @@ class _Aim:
     def _settled_frames(self, level: int, count: int, settled: int) -> list[Shot]:
         self._screen.show(np.full((*self._screen.shape, 3), level, np.uint8))
         for _ in range(settled):
-            self._eye.skip()
-        return [self._eye.frame() for _ in range(count)]
+            self._device.skip()
+        return [self._device.frame() for _ in range(count)]
 
     def _press(self, key: str) -> None:
         if key == "c":
@@ -112,12 +112,12 @@ class _Aim:
             step, self._said = -1 if key == "-" else 1, ""
             self._steps += step
             try:
-                self._eye.expose(self._exposures.shortest * self.factor)
+                self._device.expose(self._exposures.shortest * self.factor)
             except InputError as error:
                 self._said = str(error)
                 self._steps -= step
                 with suppress(InputError):  # the camera cannot be set at all
-                    self._eye.expose(self._exposures.shortest * self.factor)
+                    self._device.expose(self._exposures.shortest * self.factor)
 
     def _show_card(self) -> None:
         drive = card(CARDS[self._card], self._screen.shape)
@@ -126,9 +126,9 @@ class _Aim:
     def _page(self, shot: Shot, light: np.ndarray, clipped: float) -> Page:
         sharp = sharpness(light)
         self._best = max(self._best, sharp)
-        exposed = f"{self._exposures.shortest * self.factor:.3g} s" if self._eye.timed else f"×{self.factor:.2f}"
+        exposed = f"{self._exposures.shortest * self.factor:.3g} s" if self._device.timed else f"×{self.factor:.2f}"
         lines = [
-            f"{self._eye.name.partition(',')[0]}   exposure {exposed}   projector {CARDS[self._card]}",
+            f"{self._device.name.partition(',')[0]}   exposure {exposed}   projector {CARDS[self._card]}",
             f"brightest {100 * brightest(shot):.0f} % of the range   {100 * clipped:.2f} % clipped",
             f"sharpness {sharp:.3g}   best {self._best:.3g}",
         ]

@@ -12,7 +12,7 @@ from counterlight.raster import Shapes
 from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera, Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
-from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera
+from counterlight.tools.acquisition.cameras.live import CameraDevice, LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import (
     CameraSettings,
     SimulatedCamera,
@@ -65,10 +65,10 @@ def open_rig(
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
             if not options.exposures:
                 raise InputError(f"--camera {kind}: needs exposure times in seconds; add --exposures, such as 0.033")
-            eye = together([open_eye(*parted(camera), response, opened) for camera in options.camera])
+            device = together([open_device(*parted(camera), response, opened) for camera in options.camera])
             screen, shapes = _screens(options, tuple(options.projector), opened)
             refuse(shapes)
-            yield LiveCamera(screen, eye, Exposures(_bracket(options), response, known)), shapes
+            yield LiveCamera(screen, device, Exposures(_bracket(options), response, known)), shapes
 
 
 def _kind_of(cameras: Sequence[str]) -> tuple[str, list[str]]:
@@ -126,18 +126,18 @@ def _screens(options: argparse.Namespace, shapes: Shapes, opened: ExitStack) -> 
     return opened.enter_context(open_screens(shapes, options.monitor, desktop=options.desktop))
 
 
-def open_eye(kind: str, source: str, response: Response, opened: ExitStack) -> Eye:
+def open_device(kind: str, source: str, response: Response, opened: ExitStack) -> CameraDevice:
     if kind == "v4l2":
-        from counterlight.tools.acquisition.cameras.video import open_video_eye
+        from counterlight.tools.acquisition.cameras.video import open_video_device
 
-        return opened.enter_context(open_video_eye(source))
+        return opened.enter_context(open_video_device(source))
     if kind == "pylon":
-        from counterlight.tools.acquisition.cameras.machine_vision import open_machine_vision_eye
+        from counterlight.tools.acquisition.cameras.machine_vision import open_machine_vision_device
 
-        return opened.enter_context(open_machine_vision_eye(source))
-    from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye
+        return opened.enter_context(open_machine_vision_device(source))
+    from counterlight.tools.acquisition.cameras.tethered import open_tethered_device
 
-    return opened.enter_context(open_tethered_eye(response))
+    return opened.enter_context(open_tethered_device(response))
 
 
 def _needed_sizes(options: argparse.Namespace) -> Shapes:

@@ -41,14 +41,14 @@ class Checked:
     drift : changes that can be undone.
     said : description in words.
     exposures : (cameras, 3). Exposure of each camera relative to its exposure at the calibration.
-    asked : per camera, whether its captures are used; False if it has moved.
+    used : per camera, whether its captures are used; False if it has moved.
     lost : whether the calibration no longer holds.
     """
 
     drift: Drift
     said: str
     exposures: FloatArray
-    asked: tuple[bool, ...]
+    used: tuple[bool, ...]
     lost: bool = False
 
 
@@ -81,27 +81,27 @@ class _Check:
         gone = [view.gone() for view in self._views]
         if all(gone):
             return self._lost("; ".join(gone))
-        asked = tuple(not each for each in gone)
-        self._said += [f"{each} (the others are asked)" for each in gone if each]
-        if len(asked) > 1:
-            self._look_again(asked)
-        otherwise = [text for view in self._views if asked[view.number] and (text := view.otherwise())]
+        used = tuple(not each for each in gone)
+        self._said += [f"{each} (the others are used)" for each in gone if each]
+        if len(used) > 1:
+            self._look_again(used)
+        otherwise = [text for view in self._views if used[view.number] and (text := view.otherwise())]
         if otherwise:
             return self._lost("; ".join(otherwise))
         try:
             found = [self._found(number, self._looked) for number in range(len(self._codes))]
         except InputError:
-            if all(asked):
+            if all(used):
                 raise
             return self._lost("; ".join([*filter(None, gone), "the others see too little of a projector's picture"]))
         return self._undone(found)
 
-    def _look_again(self, asked: tuple[bool, ...]) -> None:
+    def _look_again(self, used: tuple[bool, ...]) -> None:
         """Repeat the comparison without the moved cameras, and with the exposures of the other cameras."""
-        looked = self._looked.asking(asked, self._exposures)
+        looked = self._looked.using(used, self._exposures)
         gains = [[self._gain(number, view, looked) for view in self._views] for number in range(len(self._codes))]
         self._exposures = changed_exposures(np.array(gains))
-        self._looked = self._looked.asking(asked, self._exposures)
+        self._looked = self._looked.using(used, self._exposures)
         self._views = [View(self._looked, view.number) for view in self._views]
         for view, exposure in zip(self._views, self._exposures, strict=True):
             if np.any(exposure != 1):
@@ -110,11 +110,11 @@ class _Check:
     def _gain(self, number: int, view: View, looked: Looked) -> FloatArray:
         """Returns the gain of a projector's light as one camera sees it, (3,); NaN where it sees too little."""
         white, nothing = looked.gain(number, view.here), np.full(3, np.nan)
-        if np.isfinite(white).all() or not looked.asked[view.number]:
+        if np.isfinite(white).all() or not looked.used[view.number]:
             return white
         alone = tuple(each.number == view.number for each in self._views)
         try:
-            found = self._found(number, looked.asking(alone, self._exposures))
+            found = self._found(number, looked.using(alone, self._exposures))
         except InputError:
             return nothing
         return found.moved.gain if found.agreement >= AGREED else nothing
@@ -147,16 +147,16 @@ class _Check:
             said.append(f"the room's light is {new:.2%} of white, was {old:.2%}")
         ambient = self._looked.ambient().astype(np.float32) if other else None
         text = "; ".join(said) if said else "nothing has changed"
-        unsure = " and ".join(view.name for view in self._views if self._looked.asked[view.number] and view.unsure)
+        unsure = " and ".join(view.name for view in self._views if self._looked.used[view.number] and view.unsure)
         if unsure:
             text += f" (too little texture to tell whether {unsure} has moved)"
         moves = any(not np.array_equal(each.to_raster, np.eye(3)) for each in pictures)
         share = self._looked.share([each.gain for each in pictures]) if moves else None
         drift = Drift(tuple(pictures), ambient, text, _now(), share)
-        return Checked(drift, text, self._exposures, self._looked.asked)
+        return Checked(drift, text, self._exposures, self._looked.used)
 
     def _lost(self, text: str) -> Checked:
-        return Checked(nothing(self._room), text, self._exposures, self._looked.asked, lost=True)
+        return Checked(nothing(self._room), text, self._exposures, self._looked.used, lost=True)
 
 
 def _moved(found: Registration, device: Device, white: FloatArray) -> Moved:

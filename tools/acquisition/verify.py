@@ -131,7 +131,7 @@ class Verification:
     """A picture in a calibrated room in its present state. Desired, predicted and captured light use screen primaries.
 
     drift : changes that are undone.
-    asked : per camera, whether its captures count.
+    used : per camera, whether its captures count.
     """
 
     def __init__(
@@ -140,11 +140,11 @@ class Verification:
         stored: StoredCalibration,
         wanted: Wanted,
         drift: Drift,
-        asked: tuple[bool, ...],
+        used: tuple[bool, ...],
     ) -> None:
         ambient = stored.calibration.ambient if drift.ambient is None else drift.ambient
         self._photographer, self._room, self._drift = photographer, replace(stored.calibration, ambient=ambient), drift
-        self._cameras = {number: self._room.pixels_of(number - 1) for number, ask in enumerate(asked, 1) if ask}
+        self._cameras = {number: self._room.pixels_of(number - 1) for number, ask in enumerate(used, 1) if ask}
         self._seen: BoolArray = np.any(list(self._cameras.values()), axis=0)
         self._T_pinv, self._interval = wanted.T_pinv, wanted.interval
         self.tier = replace(wanted.tier, calibration=self._room)
@@ -166,8 +166,8 @@ class Verification:
         """Yield the plain compensation, then `rounds` of feedback; `repeats` captures of each are averaged."""
         target = self.desired
         for index in range(rounds + 1):
-            asked = self._now.asked(target)
-            light = self._objective.bounded(asked.reshape(-1, 3)).reshape(asked.shape)
+            b = self._now.target(target)
+            light = self._objective.bounded(b.reshape(-1, 3)).reshape(b.shape)
             drive = self._drive(light)
             certificate = self._objective.certificate(drive, light.reshape(-1, 3))
             shown = self._drift.shown(drive.reshape(*self._room.projector.shape, 3), self._room.regions)

@@ -12,14 +12,14 @@ NEAR = 0.3  # distance in tint within which pixels have most weight
 # a percentile of the pixels' tint, and the largest value there if the camera is balanced on white
 BALANCED_PERCENTILE, BALANCED = 5.0, 0.25
 BRIGHTEST_PERCENTILE = 90.0
-MOST_ASKED = 1 << 19  # camera pixels that are used at most; more would not improve the result
+MOST_COUNTED = 1 << 19  # camera pixels that are used at most; more would not improve the result
 SLOPE_NOISE = 0.03  # smallest difference of tint that carries information about the mixing
 
 
-def asked_pixels(mask: NDArray[np.bool_]) -> IntArray:
+def counted_pixels(mask: NDArray[np.bool_]) -> IntArray:
     """Return the pixels that count, or an even sample of them if they are many."""
     counted = np.flatnonzero(mask)
-    return np.asarray(counted[:: max(1, -(-counted.size // MOST_ASKED))])
+    return np.asarray(counted[:: max(1, -(-counted.size // MOST_COUNTED))])
 
 
 def neutral_mixing(primaries: NDArray[np.floating], mask: NDArray[np.bool_]) -> FloatArray:
@@ -36,7 +36,7 @@ def neutral_mixing(primaries: NDArray[np.floating], mask: NDArray[np.bool_]) -> 
 
     Returns NaN if nothing is lit in every channel, or if primaries look alike.
     """
-    F = np.moveaxis(np.asarray(primaries).reshape(3, -1, 3)[:, asked_pixels(mask)].astype(np.float64), 0, -1)
+    F = np.moveaxis(np.asarray(primaries).reshape(3, -1, 3)[:, counted_pixels(mask)].astype(np.float64), 0, -1)
     white, columns = F.sum(axis=2), F.sum(axis=1)
     bright = np.percentile(white, BRIGHT_PERCENTILE, axis=0) if len(white) else np.zeros(3)
     lit = (bright > 0).all() & (white > DARK * bright).all(axis=1) & (columns > 0).all(axis=1)

@@ -18,7 +18,7 @@ from counterlight.errors import InputError
 from counterlight.maps.mixing import Mixing, invertible
 from counterlight.pipeline.content import reachable_white
 from counterlight.tools.choices import COLOURS
-from counterlight.tools.colour.neutral import asked_pixels, neutral_mixing
+from counterlight.tools.colour.neutral import counted_pixels, neutral_mixing
 from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.transport import Transport
 
@@ -61,9 +61,9 @@ class Tier:
         """`--white auto`: the radiance of a white picture that most of the room can reach."""
         return float(reachable_white(self.reach, self.calibration.mask))
 
-    def asked(self, desired: FloatArray) -> FloatArray:
+    def target(self, desired: FloatArray) -> FloatArray:
         """Return b: the light that T̃ must give for a picture in screen primaries, (camera height, camera width, 3)."""
-        return np.asarray(self.mixing.asked(desired - self.ambient), np.float64)
+        return np.asarray(self.mixing.unmixed(desired - self.ambient), np.float64)
 
     def seen(self, drive: FloatArray) -> FloatArray:
         """Return the camera picture of a drive, in screen primaries. drive : (projector pixels, 3) or a picture."""
@@ -97,7 +97,7 @@ def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto"
     if colour == "global":
         return _global(calibration, transport, neutral, AS_ASKED)
     composition = transport.composition()
-    residual = _mixing_of_pixels(calibration, composition, neutral, asked_pixels(calibration.mask)).residual
+    residual = _mixing_of_pixels(calibration, composition, neutral, counted_pixels(calibration.mask)).residual
     said = f"one mixing for the room leaves {100 * residual:.2g} % of a primary's light in wrong channels"
     if colour == "auto" and residual <= WORTH:
         return _global(calibration, transport, neutral, said)

@@ -196,7 +196,7 @@ def _recommended(
 
 
 def _light_outside(objective: Objective, inverse: Inverse, tier: Tier) -> float | None:
-    white = objective.bounded(tier.asked(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3))
+    white = objective.bounded(tier.target(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3))
     return objective.light_outside(np.clip(inverse.T_pinv.apply(white), 0, 1))
 
 

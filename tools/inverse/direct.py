@@ -28,18 +28,18 @@ NEIGHBOURS = 3.0  # camera pixels; a triangle with corners further apart spans d
 ALIKE = 0.5  # a corner with a smaller share of the brightest corner's light lies beyond an edge
 
 
-def direct_mapping(dual: Transport, composition: FloatArray, heard: FloatArray) -> SparseRows:
+def direct_mapping(dual: Transport, composition: FloatArray, data_share: FloatArray) -> SparseRows:
     """Return rows for p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most, without far light.
 
     dual : TᵀW, (projector pixels, camera pixels).
     composition : T·1, (camera pixels, 3).
-    heard : (projector pixels, 3). Factor that accounts for the prior, d / (d + η).
+    data_share : (projector pixels, 3). Factor that accounts for the prior, d / (d + η).
     """
     most = lit_most(dual)
     asking = np.flatnonzero(most >= 0)
     light = composition[most[asking]]
     inverse = np.divide(1.0, light, out=np.zeros(light.shape), where=light > FAINTEST * composition.max(initial=0.0))
-    inverse = inverse * heard[asking]
+    inverse = inverse * data_share[asking]
     starts = np.searchsorted(asking, np.arange(dual.shape[0] + 1))
     return SparseRows(starts, most[asking].astype(np.int32), inverse, dual.shape[1])
 

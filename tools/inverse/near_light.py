@@ -100,7 +100,7 @@ class InverseOptions:
         return self.max_cluster or (THESIS_CLUSTER if self.inverse == "thesis" else MAX_CLUSTER)
 
     @property
-    def asked(self) -> str:
+    def requested(self) -> str:
         """The requested inverse, if the other options leave no choice; else "auto"."""
         if self.inverse != "auto":
             return self.inverse
@@ -229,12 +229,12 @@ def invert_near_light(
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
     work = _Work(scaled, whole, mask, projector_shape, reach * roots[:, None], white, options, roots, conditions)
-    chosen, reason, found = options.asked, "", None
+    chosen, reason, found = options.requested, "", None
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
         chosen, reason = ("cut", found) if isinstance(found, Objection) else ("whole", "")
     if chosen in ("cut", "thesis"):
-        found = work.cut(must_pay=options.asked == "auto")
+        found = work.cut(must_pay=options.requested == "auto")
         if isinstance(found, Objection):
             chosen, reason = "none", f"{reason}; cut, {found}"
     if not isinstance(found, Inverse):
@@ -245,19 +245,19 @@ def invert_near_light(
 
 def mapped_directly(objective: Objective, options: InverseOptions) -> Inverse:
     """Return direct mapping in place of T⁺, for a room with blurred light; raises InputError if T⁺ was requested."""
-    if options.asked not in ("auto", "none"):
+    if options.requested not in ("auto", "none"):
         raise InputError(
-            f"--inverse {options.asked}: blurred light is kept in blocks of pixels, and T⁺ of it would be dense; leave "
-            "what asks for T⁺ out, or simulate the room with --tolerance 0 and fewer pixels"
+            f"--inverse {options.requested}: blurred light is kept in blocks of pixels, and T⁺ of it would be dense; "
+            "leave what asks for T⁺ out, or simulate the room with --tolerance 0 and fewer pixels"
         )
     without = replace(objective, T=objective.T.without_far)
-    reason = "blurred light is kept in blocks of pixels" if options.asked == "auto" else ""
+    reason = "blurred light is kept in blocks of pixels" if options.requested == "auto" else ""
     return replace(_directly_mapped(without, no_clusters(objective.T.shape)), chosen="none", reason=reason)
 
 
 def _directly_mapped(objective: Objective, clusters: Clusters) -> Inverse:
     """Return direct mapping in place of T⁺, for a T without far light."""
-    rows = direct_mapping(objective.dual, objective.T.composition(), objective.heard)
+    rows = direct_mapping(objective.dual, objective.T.composition(), objective.data_share)
     method = Method(np.zeros(clusters.count, bool), "nothing is inverted")
     nothing = np.zeros((objective.T.shape[1], len(CHANNELS)))
     return Inverse(rows, nothing, clusters, None, method, 0.0, {}, nothing[:, 0], 0.0)

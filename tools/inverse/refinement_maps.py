@@ -73,7 +73,7 @@ def refinement_maps(objective: Objective, camera: tuple[int, int], projector: tu
     return RefinementMaps(
         pack(dual.near, projector, camera),
         pack_chain(dual.far, projector, camera),
-        pack(direct_mapping(dual, composition, objective.heard), projector, camera),
+        pack(direct_mapping(dual, composition, objective.data_share), projector, camera),
         objective.step_size.astype(np.float32).reshape(*projector, 3),
         Prior.none(projector) if prior is None else prior,
         objective.weights.astype(np.float32).reshape(camera),

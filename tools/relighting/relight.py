@@ -86,8 +86,8 @@ def _inverse_view(maps: RoomMaps, picture: FloatArray, view: str) -> FloatArray:
     """Returns T⁺ A c', or its transpose, in the colour tier for which the maps were built."""
     T_pinv, mixing = compensation(maps), maps.mixing
     if view == "inverse-dual":
-        return T_pinv.apply(mixing.asked(picture))
-    return np.asarray(mixing.asked_transpose(T_pinv.apply_transpose(picture)), np.float64)
+        return T_pinv.apply(mixing.unmixed(picture))
+    return np.asarray(mixing.unmixed_transpose(T_pinv.apply_transpose(picture)), np.float64)
 
 
 def _lit_from(calibration: Calibration, view: str) -> Raster:

@@ -95,7 +95,7 @@ def find_impossible(tier: Tier, maps: RoomMaps) -> Impossible:
         SLACK,
     )
     grey = MID_GREY * maps.white
-    light = tier.asked(np.full_like(ambient, grey))
+    light = tier.target(np.full_like(ambient, grey))
     unasked = ambient + mixing.seen(_far_light_of_grey(maps, light))
     residual = _shared_grey_residual(tier.transport, np.clip(light, 0, full), ~unlit)
     bright_black = ~unlit & (unasked.max(axis=2) > BLACK_SHARE * maps.white)

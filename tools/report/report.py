@@ -85,8 +85,8 @@ def _lit_pictures(built: BuiltRoom) -> tuple[dict[str, NDArray[np.uint8]], dict[
     views = {
         "composition.png": built.tier.seen(projector),
         "dual.png": built.tier.dual(camera),
-        "inverse_composition.png": np.asarray(mixing.asked_transpose(T_pinv.apply_transpose(projector)), np.float64),
-        "inverse_dual.png": T_pinv.apply(mixing.asked(camera)),
+        "inverse_composition.png": np.asarray(mixing.unmixed_transpose(T_pinv.apply_transpose(projector)), np.float64),
+        "inverse_dual.png": T_pinv.apply(mixing.unmixed(camera)),
     }
     scales = {name: white_level(view) for name, view in views.items()}
     scales["inverse_dual.png"] = 1 / built.maps.white  # 255 is then full drive for a white picture

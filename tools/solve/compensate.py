@@ -116,7 +116,7 @@ class CompensationTask:
         self.white = tier.white if options.white is None else options.white
         self._wanted, self._radiance = picture, radiance
         self._desired = self._stated(tier.mixing)
-        self._target = tier.asked(self._desired)
+        self._target = tier.target(self._desired)
         if options.max_cluster is not None and tier.transport.blurred is not None:
             raise InputError(
                 f"--max-cluster {options.max_cluster}: blurred light is kept in blocks of pixels, which cannot be cut "
@@ -168,7 +168,7 @@ class CompensationTask:
     def _by_maps(self, maps: RoomMaps) -> FloatArray:
         """Compute the drive as the player does, in the colour tier that the maps were built for."""
         ambient = maps.mixing.on_screen(self._calibration.ambient)
-        return drive_of(maps, maps.mixing.asked(self._stated(maps.mixing) - ambient))
+        return drive_of(maps, maps.mixing.unmixed(self._stated(maps.mixing) - ambient))
 
     def _stated(self, mixing: Mixing) -> FloatArray:
         """Return the desired picture in the screen primaries of a mixing."""

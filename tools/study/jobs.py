@@ -23,8 +23,8 @@ from counterlight.tools.study.frames import graphics
 from counterlight.tools.study.measure import RoomFigures, Trial
 from counterlight.tools.study.methods import Method, catalogue, uncut_knobs
 from counterlight.tools.study.pictures import BUILT_IN, find_pictures
-from counterlight.tools.study.questions.asked import tried
 from counterlight.tools.study.questions.place import Place
+from counterlight.tools.study.questions.room_answers import tried
 from counterlight.tools.study.rooms import open_room
 from counterlight.tools.study.table_6_1 import OurRow, measure_at_thesis_size, scenes_of_the_table
 

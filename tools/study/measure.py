@@ -11,7 +11,7 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.study.methods import DEFAULTS, OURS, PLAIN, UNCUT, Method, Prepared
 from counterlight.tools.study.pictures import Picture
-from counterlight.tools.study.questions.asked import Tried
+from counterlight.tools.study.questions.room_answers import Tried
 from counterlight.tools.study.results import Row, Skipped, label
 from counterlight.tools.study.rooms import StudyRoom, Task
 

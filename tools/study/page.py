@@ -6,7 +6,7 @@ from typing import Any
 
 from counterlight.tools.report.page import Figure, Section, page
 from counterlight.tools.study.questions import page as questions_page
-from counterlight.tools.study.questions.asked import Asked
+from counterlight.tools.study.questions.room_answers import RoomAnswers
 from counterlight.tools.study.recommend import Wish
 from counterlight.tools.study.results import Mean, Row, Skipped, pareto
 from counterlight.tools.study.table_6_1 import DIFFERENCES, HEADER, THESIS_ROWS, OurRow, cells
@@ -29,7 +29,7 @@ def study_page(
     files: dict[str, str],
     advice: Sequence[Wish],
     table: Sequence[OurRow],
-    asked: Sequence[Asked] = (),
+    asked: Sequence[RoomAnswers] = (),
 ) -> str:
     """Returns the whole document; answers about the user's own rooms come first.
 

@@ -239,7 +239,7 @@ class Task:
         calibration = room.calibration
         self.desired = room.white * on_cameras(picture.at(calibration.placed_on), calibration)
         self.plain = picture.at(calibration.projector.shape).reshape(-1, 3)
-        self.target = room.tier.asked(self.desired)
+        self.target = room.tier.target(self.desired)
         self.asked, self.counts = self.target.reshape(-1, 3), room.counts.reshape(-1, 1)
 
     @cached_property

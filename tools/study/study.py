@@ -15,7 +15,7 @@ from counterlight.tools.study.frames import graphics, in_software
 from counterlight.tools.study.jobs import RoomSource, study_rooms, thesis_rows
 from counterlight.tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures
 from counterlight.tools.study.pictures import anywhere
-from counterlight.tools.study.questions.asked import Asked, answered
+from counterlight.tools.study.questions.room_answers import RoomAnswers, answered
 from counterlight.tools.study.recommend import Wish, wishes
 from counterlight.tools.study.results import Mean, Row, everywhere, write_csv, write_json
 from counterlight.tools.study.table_6_1 import OurRow, table_row, to_markdown
@@ -89,7 +89,7 @@ def run_study(options: StudyOptions, folder: Path, workers: Workers | None = Non
 def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Iterator[str]:
     yield f"OpenGL: {graphics()}"
     figures: list[RoomFigures] = []
-    asked: list[Asked] = []
+    asked: list[RoomAnswers] = []
     settings = options.size, options.colour, anywhere(options.pictures), graphics()
     sources = [RoomSource(place.absolute(), *settings) for place in options.places]
     # Without workers, rooms follow each other, so that each is opened once; with workers, all at the same time.
@@ -111,7 +111,7 @@ def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Itera
 
 
 def write_study(
-    stage: Path, figures: Sequence[RoomFigures], table: Sequence[OurRow], asked: Sequence[Asked] = ()
+    stage: Path, figures: Sequence[RoomFigures], table: Sequence[OurRow], asked: Sequence[RoomAnswers] = ()
 ) -> list[str]:
     """Write all files of a report into an existing folder; returns the advice, one line per wish."""
     from counterlight.tools.study.plots import draw_all

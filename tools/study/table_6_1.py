@@ -150,7 +150,7 @@ def acquired(room: StudyRoom, picture: Picture, way: Way) -> Spent:
     again, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, way))
     tier, task = tier_of_acquired(room.calibration, again), Task(room, picture)
     box = Box(objective_of(tier.transport, tier.calibration, DEFAULT_AIMS))
-    drive = box.solve(tier.asked(task.desired).reshape(-1, len(CHANNELS))).drive
+    drive = box.solve(tier.target(task.desired).reshape(-1, len(CHANNELS))).drive
     return Spent(seconds, task.judge(drive).below_optimum, again.pictures)
 
 

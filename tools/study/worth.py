@@ -187,4 +187,4 @@ class _Room:
 
         asked : (camera height, camera width, 3).
         """
-        return self._box.solve(self.tier.asked(asked).reshape(-1, 3)).drive
+        return self._box.solve(self.tier.target(asked).reshape(-1, 3)).drive

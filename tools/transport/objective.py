@@ -132,7 +132,7 @@ class Objective:
         return self._sums if self.prior is None else self._sums + self.prior.bound.reshape(-1, 3)
 
     @property
-    def heard(self) -> FloatArray:
+    def data_share(self) -> FloatArray:
         """d / (d + η), (projector pixels, 3): the weight of the camera's data against the prior; 1 without a prior."""
         if self.prior is None:
             return np.ones((self.T.shape[1], 3))

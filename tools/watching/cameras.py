@@ -16,11 +16,11 @@ from counterlight.passes.encode import encoded
 from counterlight.raster import Shape
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.folder import ANY_CASE
-from counterlight.tools.acquisition.cameras.live import Eye
+from counterlight.tools.acquisition.cameras.live import CameraDevice
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
-from counterlight.tools.acquisition.cameras.together import TogetherEye, together
+from counterlight.tools.acquisition.cameras.together import JoinedDevices, together
 from counterlight.tools.acquisition.photographer import check_sizes
-from counterlight.tools.acquisition.rig import open_eye, parted
+from counterlight.tools.acquisition.rig import open_device, parted
 from counterlight.tools.hdr.photographs import read_photograph
 from counterlight.tools.watching.view import repeating
 from counterlight.unattended.watch_link import Picture, Start
@@ -61,16 +61,16 @@ class LiveFrames:
 
     follows = False
 
-    def __init__(self, eye: Eye, exposures: Exposures) -> None:
-        self._eye, self.exposures, self.exposure_s = eye, exposures, exposures.shortest
-        eye.expose(exposures.shortest)
+    def __init__(self, device: CameraDevice, exposures: Exposures) -> None:
+        self._device, self.exposures, self.exposure_s = device, exposures, exposures.shortest
+        device.expose(exposures.shortest)
 
     def skip(self) -> float:
-        self._eye.skip()
+        self._device.skip()
         return time.monotonic()
 
     def frame(self) -> tuple[float, Shot]:
-        shot = self._eye.frame()
+        shot = self._device.frame()
         return time.monotonic(), shot
 
     def show(self, picture: Picture) -> None:
@@ -128,7 +128,7 @@ class SimulatedFrames:
         self._room, self._camera, self._repeat = room, camera, repeating(room, factor)
         self.exposures, self._pictures = camera.exposures, queue.Queue[Picture](maxsize=2)
         self._number = 0
-        camera.eye.expose(camera.exposures.shortest)
+        camera.device.expose(camera.exposures.shortest)
 
     def skip(self) -> float:
         return self._next().time_s
@@ -138,8 +138,8 @@ class SimulatedFrames:
         self._number += 1
         whole = self._repeat @ picture.drive.reshape(-1, 3).astype(np.float64)
         self._camera.screen.show(encoded(whole.reshape(*self._room.projector.shape, 3), self._room.response))
-        self._camera.eye.begin(self._number)
-        return picture.time_s + BRIEF_S, self._camera.eye.frame()
+        self._camera.device.begin(self._number)
+        return picture.time_s + BRIEF_S, self._camera.device.frame()
 
     def show(self, picture: Picture) -> None:
         if not self._pictures.full():
@@ -173,7 +173,7 @@ def open_cameras(start: Start, room: Calibration) -> Iterator[WatchCamera]:
         else:
             if not start.exposures:
                 raise InputError(f"--watch {start.cameras[0]}: needs the exposure of the calibration; add --exposures")
-            eye = together([open_eye(*each, exposures.response, opened) for each in words])
-            views = eye.views if isinstance(eye, TogetherEye) else (eye.frame().shape[:2],)
+            device = together([open_device(*each, exposures.response, opened) for each in words])
+            views = device.views if isinstance(device, JoinedDevices) else (device.frame().shape[:2],)
             check_sizes(views, room, "--watch")
-            yield LiveFrames(eye, exposures)
+            yield LiveFrames(device, exposures)

@@ -24,7 +24,7 @@ class Screen(Protocol):
         """Show a picture; it may reach the camera some frames later."""
 
 
-class Eye(Protocol):
+class CameraDevice(Protocol):
     """A device that photographs frame by frame.
 
     name : identifies the device.
@@ -54,14 +54,14 @@ class LiveCamera:
     lag : frames to skip between a change of picture or exposure and a shot; the pre-flight measures it.
     """
 
-    def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, lag: int = 0) -> None:
-        self.screen, self.eye, self._exposures, self.lag = screen, eye, exposures, lag
+    def __init__(self, screen: Screen, device: CameraDevice, exposures: Exposures, lag: int = 0) -> None:
+        self.screen, self.device, self._exposures, self.lag = screen, device, exposures, lag
         self._standing: Codes | None = None  # the picture that the camera sees at present
         self._exposed = 0.0
 
     @property
     def name(self) -> str:
-        return self.eye.name
+        return self.device.name
 
     @property
     def exposures(self) -> Exposures:
@@ -79,14 +79,14 @@ class LiveCamera:
         codes = codes_of(picture)
         if self._standing is None or not np.array_equal(codes, self._standing):
             self.show(codes)
-        self.eye.begin(number)
+        self.device.begin(number)
         shots = list[Shot]()
         for time in self._exposures.times:
             if time != self._exposed:
-                self.eye.expose(time)
+                self.device.expose(time)
                 self.wait(self.lag)
                 self._exposed = time
-            shots.append(self.eye.frame())
+            shots.append(self.device.frame())
         self._standing = codes
         return tuple(shots)
 
@@ -97,4 +97,4 @@ class LiveCamera:
 
     def wait(self, frames: int) -> None:
         for _ in range(frames):
-            self.eye.skip()
+            self.device.skip()

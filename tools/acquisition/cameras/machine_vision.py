@@ -35,7 +35,7 @@ AGAIN = "plug it in again and run the same command again"
 OBEYED = 0.05  # allowed relative difference between the exposure times set and read back
 
 
-class MachineVisionEye:
+class MachineVisionDevice:
     """The frames of an open pylon camera; InputError if it cannot be set by hand."""
 
     timed = True
@@ -166,7 +166,7 @@ class MachineVisionEye:
 
 
 @contextmanager
-def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
+def open_machine_vision_device(wanted: str) -> Iterator[MachineVisionDevice]:
     """Open the camera with this serial number, or else the camera with this index in the list, from 0.
 
     Raises InputError if there is none, or if another program has it open.
@@ -195,7 +195,7 @@ def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
                 f"pylon {chosen.GetModelName()} {chosen.GetSerialNumber()}: cannot be opened ({_said(error)}); close "
                 "the program that uses it, or check your rights to it"
             ) from None
-        yield MachineVisionEye(camera)
+        yield MachineVisionDevice(camera)
     finally:
         with suppress(genicam.GenericException):
             camera.Close()

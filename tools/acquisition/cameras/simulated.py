@@ -140,7 +140,7 @@ class MemoryScreen:
         return self._shown
 
 
-class SimulatedEye:
+class SimulatedDevice:
     """A sensor in a simulated room that sees the screen `settings.lag` frames late.
 
     unit : time of an exposure of 1.
@@ -216,12 +216,12 @@ class SimulatedCamera(LiveCamera):
         times = tuple(time * unit for time in settings.exposures)
         shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
         seeds = range(settings.seed, settings.seed + len(rooms))
-        eyes = [
-            SimulatedEye(each, replace(settings, seed=seed), shown, unit)
+        devices = [
+            SimulatedDevice(each, replace(settings, seed=seed), shown, unit)
             for each, seed in zip(rooms, seeds, strict=True)
         ]
         exposures = Exposures(times, settings.response, settings.known or room.curve is None)
-        super().__init__(shown, together(eyes), exposures, lag=settings.lag)
+        super().__init__(shown, together(devices), exposures, lag=settings.lag)
 
 
 def simulated_rooms(source: Path, refuse: Refuse = lambda *_: None) -> list[SimulatedRoom]:

@@ -17,7 +17,7 @@ SHUTTERS = ("shutterspeed", "shutterspeed2")
 OBEYED = 0.1  # allowed relative difference to the nearest shutter time
 
 
-class TetheredEye:
+class TetheredDevice:
     """The frames of a still camera: each frame is a new shot, so that no old frame can appear.
 
     response : camera response of JPEGs; RAW is linear.
@@ -83,7 +83,7 @@ def shutter_time(choice: str) -> float | None:
 
 
 @contextmanager
-def open_tethered_eye(response: Response) -> Iterator[TetheredEye]:
+def open_tethered_device(response: Response) -> Iterator[TetheredDevice]:
     """Open the first camera that gphoto2 finds; InputError if there is none or it is in use."""
     try:
         import gphoto2
@@ -97,6 +97,6 @@ def open_tethered_eye(response: Response) -> Iterator[TetheredEye]:
             f"gphoto2: no camera answers ({error.string}); switch it on, plug it in, close programs that hold it (gvfs)"
         ) from None
     try:
-        yield TetheredEye(gphoto2, camera, response)
+        yield TetheredDevice(gphoto2, camera, response)
     finally:
         camera.exit()

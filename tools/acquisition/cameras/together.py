@@ -7,25 +7,25 @@ import numpy as np
 from counterlight.errors import InputError
 from counterlight.screen import parts_of, raster_of
 from counterlight.tools.acquisition.cameras.camera import Camera, Shot
-from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera
+from counterlight.tools.acquisition.cameras.live import CameraDevice, LiveCamera
 
 Shape = tuple[int, int]
 
 
-class TogetherEye:
+class JoinedDevices:
     """Joins cameras: narrower pictures are padded with black, and all cameras share the exposures."""
 
-    def __init__(self, eyes: Sequence[Eye]) -> None:
-        self._eyes = tuple(eyes)
+    def __init__(self, devices: Sequence[CameraDevice]) -> None:
+        self._devices = tuple(devices)
         self._shapes: tuple[Shape, ...] = ()
 
     @property
     def name(self) -> str:
-        return " + ".join(eye.name for eye in self._eyes)
+        return " + ".join(device.name for device in self._devices)
 
     @property
     def timed(self) -> bool:
-        return any(eye.timed for eye in self._eyes)
+        return any(device.timed for device in self._devices)
 
     @property
     def views(self) -> tuple[Shape, ...]:
@@ -35,19 +35,19 @@ class TogetherEye:
         return self._shapes
 
     def begin(self, number: int) -> None:
-        for eye in self._eyes:
-            eye.begin(number)
+        for device in self._devices:
+            device.begin(number)
 
     def expose(self, time: float) -> None:
-        for eye in self._eyes:
-            eye.expose(time)
+        for device in self._devices:
+            device.expose(time)
 
     def skip(self) -> None:
-        for eye in self._eyes:
-            eye.skip()
+        for device in self._devices:
+            device.skip()
 
     def frame(self) -> Shot:
-        shots = [eye.frame() for eye in self._eyes]
+        shots = [device.frame() for device in self._devices]
         kinds = {(shot.dtype, shot.ndim) for shot in shots}
         if len(kinds) > 1:
             said = ", ".join(f"{shot.dtype} {'colour' if shot.ndim == 3 else 'grey'}" for shot in shots)
@@ -61,17 +61,17 @@ class TogetherEye:
         return together
 
 
-def together(eyes: Sequence[Eye]) -> Eye:
+def together(devices: Sequence[CameraDevice]) -> CameraDevice:
     """Joins several sources of frames; a single source is returned unchanged."""
-    return eyes[0] if len(eyes) == 1 else TogetherEye(eyes)
+    return devices[0] if len(devices) == 1 else JoinedDevices(devices)
 
 
 def views_of(camera: Camera) -> tuple[Shape, ...]:
     """Returns the (height, width) of each of several cameras in one capture; empty for a single camera."""
-    eye = _eyes_of(camera)
-    return () if eye is None else eye.views
+    device = _devices_of(camera)
+    return () if device is None else device.views
 
 
-def _eyes_of(camera: Camera) -> TogetherEye | None:
-    eye = camera.eye if isinstance(camera, LiveCamera) else None
-    return eye if isinstance(eye, TogetherEye) else None
+def _devices_of(camera: Camera) -> JoinedDevices | None:
+    device = camera.device if isinstance(camera, LiveCamera) else None
+    return device if isinstance(device, JoinedDevices) else None

@@ -34,7 +34,7 @@ class Capture(Protocol):
     def read(self) -> tuple[bool, Shot]: ...
 
 
-class VideoEye:
+class VideoDevice:
     """The frames of an open video camera; InputError if a setting cannot be made by hand."""
 
     timed = True
@@ -79,7 +79,7 @@ class VideoEye:
 
 
 @contextmanager
-def open_video_eye(number: str) -> Iterator[VideoEye]:
+def open_video_device(number: str) -> Iterator[VideoDevice]:
     """Open the camera /dev/videoNUMBER; InputError if there is none, or if another program has it open."""
     if not number.isdecimal():
         raise InputError(f"--camera v4l2:{number}: expected a number, such as v4l2:0 for /dev/video0")
@@ -91,6 +91,6 @@ def open_video_eye(number: str) -> Iterator[VideoEye]:
     try:
         if not capture.isOpened():
             raise InputError(f"{device}: cannot be opened; close the program that uses it, or check your rights to it")
-        yield VideoEye(str(device), capture)
+        yield VideoDevice(str(device), capture)
     finally:
         capture.release()

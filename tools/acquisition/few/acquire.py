@@ -51,7 +51,7 @@ def acquire_pictures(
     Raises InputError for too few pictures, captures that are saturated or black, a moved camera, and a camera that
     random pictures show to be non-linear.
     """
-    check_asked(count, projectors)
+    check_count(count, projectors)
     turns, start = Turns(tuple(projectors)), time.monotonic()
     count = turns.in_all(turns.of_each(count))
     before = [number for number in range(count) if store.has(number)]
@@ -98,7 +98,7 @@ def _measured_curve(camera: Camera, store: Store, projectors: Shapes) -> Curve:
     return found
 
 
-def check_asked(count: int, projectors: Sequence[Shape]) -> None:
+def check_count(count: int, projectors: Sequence[Shape]) -> None:
     """Raises InputError, before anything is shown, for too few pictures to find places."""
     turns = Turns(tuple(projectors))
     if count >= turns.least:

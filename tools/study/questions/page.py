@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from counterlight.tools.report.page import Figure, Section
 from counterlight.tools.study.plots import cost_axis, decibel_axis, save
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question
-from counterlight.tools.study.questions.asked import Asked
+from counterlight.tools.study.questions.room_answers import RoomAnswers
 from counterlight.tools.study.results import UNSEEN_DB
 from counterlight.tools.study.tables import html_table, number
 
@@ -22,7 +22,7 @@ COLUMNS = 3
 MARKS = "os^Dvp*X"
 
 
-def verdict(asked: Asked) -> Section:
+def verdict(asked: RoomAnswers) -> Section:
     """Returns the verdict, one sentence per question."""
     lines = "".join(f"<li><b>{escape(each.title)}.</b> {escape(each.verdict)}</li>" for each in asked.questions)
     size = f"Film, acquisition and colours: {escape(asked.size)}. All else: the room at its own size."
@@ -30,13 +30,13 @@ def verdict(asked: Asked) -> Section:
     return Section(f"{asked.room}: the verdict", [], f"<p>{escape(asked.verdict)}</p><ul>{lines}</ul>{note}")
 
 
-def plots(asked: Asked, file: str) -> Section:
+def plots(asked: RoomAnswers, file: str) -> Section:
     return Section(
         f"{asked.room}: what costs, and what gives", [Figure("Every question", CAPTION, file=file)], wide=True
     )
 
 
-def tables(asked: Asked) -> Section:
+def tables(asked: RoomAnswers) -> Section:
     return Section(f"{asked.room}: answers", [], "".join(_table(question) for question in asked.questions))
 
 
@@ -52,13 +52,13 @@ def _table(question: Question) -> str:
     return f"<details><summary>{escape(question.title)}</summary>{html_table(header, body)}{notes}</details>"
 
 
-def headed(asked: Sequence[Asked], files: dict[str, str]) -> list[Section]:
+def headed(asked: Sequence[RoomAnswers], files: dict[str, str]) -> list[Section]:
     """Returns verdicts first, then plots, then tables."""
     kinds = [[verdict(each) for each in asked], [plots(each, files[f"asked {each.room}"]) for each in asked]]
     return [section for kind in [*kinds, [tables(each) for each in asked]] for section in kind]
 
 
-def draw(path: Path, asked: Asked) -> str:
+def draw(path: Path, asked: RoomAnswers) -> str:
     """Write the picture; returns its name."""
     questions = [question for question in asked.questions if question.answers]
     lines = -(-len(questions) // COLUMNS)

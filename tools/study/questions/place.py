@@ -154,7 +154,7 @@ class Place:
     def reached(self) -> list[float]:
         """PSNR of each picture with the unweighted optimum."""
         box = Box(self._objective.unweighted, tolerance=GAP)
-        return self.psnr([box.solve(self.tier.asked(each).reshape(-1, 3)).drive for each in self.desired])
+        return self.psnr([box.solve(self.tier.target(each).reshape(-1, 3)).drive for each in self.desired])
 
     @cached_property
     def _objective(self) -> Objective:
@@ -175,7 +175,7 @@ class Place:
         desired : the pictures, if the derived camera has other pixels.
         """
         box = Box(objective_of(tier.transport, tier.calibration, aims, tier.mixing), tolerance=GAP)
-        return [box.solve(tier.asked(each).reshape(-1, 3)).drive for each in desired or self.desired]
+        return [box.solve(tier.target(each).reshape(-1, 3)).drive for each in desired or self.desired]
 
     def psnr(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> list[float]:
         """Returns the PSNR of each picture's drive in this room.

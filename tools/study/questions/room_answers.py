@@ -12,7 +12,7 @@ PLAIN, DIRECT = "uncompensated", "direct"
 
 
 @dataclass(frozen=True)
-class Asked:
+class RoomAnswers:
     """A room's answers.
 
     verdict : one sentence on all.
@@ -49,13 +49,13 @@ def tried(own: Place) -> Tried:
     return Tried(tuple(question for question in found if question is not None), place.size)
 
 
-def answered(room: str, found: Tried, rows: Sequence[Row]) -> Asked:
+def answered(room: str, found: Tried, rows: Sequence[Row]) -> RoomAnswers:
     """Returns the answers to all questions.
 
     rows : the figures of the methods in this room.
     """
     questions = figures.steps(rows), figures.maps(rows), *found.questions
-    return Asked(room, _overall(rows), questions, found.size)
+    return RoomAnswers(room, _overall(rows), questions, found.size)
 
 
 def _overall(rows: Sequence[Row]) -> str:
