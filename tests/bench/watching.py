@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from counterlight import calibration
 from counterlight.passes.encode import encoded
 from counterlight.pipeline.shown_copies import factor_of, reduced_boxes, reduced_shape
+from counterlight.show.watching import Bursts
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.acquisition.registration import random_field
 from counterlight.tools.simulation.devices import Sensor
@@ -26,11 +27,9 @@ from counterlight.unattended.watch_link import Answer, Light, Picture
 from tests.oracles.formulas import grid_means
 from tests.programs import here
 from tests.test_watching_process import watching
-from tests.watched_films import BURST, BURST_EVERY_S
 
 CAMERA, PROJECTOR = "1280x720", "960x540"
 FRAMES_PER_S, CAPTURES_PER_S, LOOP_S, LATENCY_S = 24, 5, 6, 0.07
-BURST_EVERY = round(BURST_EVERY_S * FRAMES_PER_S)
 
 
 def film(shape: tuple[int, int]) -> list[NDArray[np.float16]]:
@@ -88,12 +87,12 @@ def measure(stored: calibration.StoredCalibration, folder: Path, seconds: float)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # the player sets this when it starts the watcher
     with watching(stored, f"folder:{photographs}", folder, factor=factor) as watched:
         begun_s, begin, answer = time.monotonic(), (0.0, 0.0, 0), Answer("starting")
-        taken = 0
+        taken, bursts = 0, Bursts()
         for number in range(10**9):
             now_s = begun_s + number / FRAMES_PER_S
             time.sleep(max(now_s - time.monotonic(), 0))
             watched.send(Light(now_s, grids[number % len(frames)]))
-            if number % BURST_EVERY < BURST:
+            if bursts.takes(now_s):
                 watched.send(Picture(now_s, frames[number % len(frames)]))
             while begun_s + taken / CAPTURES_PER_S + LATENCY_S < time.monotonic():
                 (photographs / ".new.png").write_bytes(files[taken % len(files)])
@@ -104,6 +103,7 @@ def measure(stored: calibration.StoredCalibration, folder: Path, seconds: float)
                 answer = watched.answers.get_nowait()
             except Empty:
                 continue
+            bursts.exposes = answer.exposes
             if answer.state == "holding" and not begin[0]:
                 begin = time.monotonic(), used_s(watched.process), answer.captures
             if begin[0] and time.monotonic() - begin[0] > seconds:
