@@ -145,7 +145,7 @@ def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
     here("join", *pairs, "--cameras", "-o", truth)
     cameras = [part for pair in pairs for part in ("--camera", f"simulated:{pair}")]
     said = here("acquire", *cameras, *FAINT, "-o", found)
-    assert "\nprediction: " in said
+    assert "\nexpected on the wall: " in said
     assert re.search(r"camera 2: \d+ of its pixels see what is on the screen already; its light times 1\.1", said)
     exact, measured = (calibration.read(each) for each in (truth, found))
     room, expected = measured.calibration, exact.calibration

@@ -481,7 +481,7 @@ def test_the_next_command_and_missing_coverage_are_said(
     said = re.fullmatch(rf"{coverage}, captures match the prediction to (.*) dB \((\w+ .*errors)\)", result)
     assert said
     assert first.startswith(
-        f"prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10"
+        f"expected on the wall: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10"
     )
     assert f"<p>{first}</p>" in (tmp_path / "a room.report" / "index.html").read_text()
     mask = calibration.read(output).calibration.mask

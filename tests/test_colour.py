@@ -132,7 +132,7 @@ def test_of_a_large_camera_some_pixels_tell_the_neutral_mixing(
     whole = neutral_mixing(F, mask)
     every_fifth = mask.ravel().cumsum() % 5 == 1
     F.reshape(3, -1, 3)[:, ~every_fifth & mask.ravel()] = np.nan  # NaN in a chosen pixel would make the result NaN
-    monkeypatch.setattr(neutral_colour, "MOST_ASKED", mask.sum() // 5)
+    monkeypatch.setattr(neutral_colour, "MOST_COUNTED", mask.sum() // 5)
     np.testing.assert_allclose(neutral_mixing(F, mask), whole, atol=1e-3)
 
 

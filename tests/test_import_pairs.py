@@ -157,7 +157,8 @@ def test_the_command_makes_a_room_that_build_accepts(
     )
     assert said
     assert (
-        f": prediction: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10 camera" in first
+        f": expected on the wall: {said[2]}. A capture matches its prediction to about {said[1]} dB, and 9 of 10 camera"
+        in first
     )
     assert last.endswith(f"next: counterlight build {room}")
     assert read_picture(tmp_path / "quality.png").shape == (CAMERA[0], 3 * CAMERA[1], 3)

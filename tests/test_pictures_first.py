@@ -265,11 +265,11 @@ def test_a_room_of_nine_pictures_plays_and_goes_on(tmp_path: Path, rng: np.rando
     said = succeed("acquire", *words, "--pictures", 9, "--averaging", 0)
     assert "9 pictures, 9 exposures" in said
     assert "check: the ramps of the acquisition" in said
-    assert "prediction: " not in said
+    assert "expected on the wall: " not in said
     said = succeed("acquire", *words, "--pictures", 12, "--force", "--reuse-captures")
     assert "12 pictures, 12 exposures, 9 of them from before" in said
     assert "check: a random pattern is predicted to" in said
-    assert said.startswith("prediction: ")
+    assert said.startswith("expected on the wall: ")
     assert read_interval(calibration.read(tmp_path / "room")) is not None
     succeed("build", tmp_path / "room")
     picture = np.full((*CAMERA, 3), 128, np.uint8)

@@ -28,7 +28,7 @@ COVERED = re.compile(
     r"(?P<inside>[\d.]+) % of the captured values are inside .*\(dark (?P<dark>[\d.]+), middle (?P<middle>[\d.]+), "
     r"bright (?P<bright>[\d.]+) %\), whose mean width is (?P<width>[\d.]+) % .* would need (?P<constant>[\d.]+) %"
 )
-EXPECTED = re.compile(r"prediction: .* about ([\d.]+) dB")
+EXPECTED = re.compile(r"expected on the wall: .* about ([\d.]+) dB")
 
 
 @dataclass(frozen=True)

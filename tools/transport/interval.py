@@ -133,9 +133,9 @@ class Expected:
 
     def __str__(self) -> str:
         return (
-            f"prediction: {self.words}. A capture matches its prediction to about {self.decibels:.1f} dB, and 9 of 10 "
-            f"camera pixels typically to {100 * self.within:.1f} % of white; build and play state how close pictures "
-            "come to the target"
+            f"expected on the wall: {self.words}. A capture matches its prediction to about {self.decibels:.1f} dB, "
+            f"and 9 of 10 camera pixels typically to {100 * self.within:.1f} % of white; build and play state how "
+            "close pictures come to the target"
         )
 
     @property
