@@ -94,14 +94,18 @@ class Rig:
     def photograph(self, codes: NDArray[np.uint8], *seed: int) -> NDArray[np.uint16]:
         """Returns what the calibrated camera's sensor saw: (camera height, camera width, 3), 16 bits."""
         moved = self.devices.camera_moved
-        seen = self.seen(codes) if moved == (0, 0) else self._seen_from_elsewhere(codes)
+        seen = self.seen(codes) if moved == (0, 0) else self.seen_from_elsewhere(codes)
         rng = np.random.default_rng(seed)
         return self.devices.sensor.codes(seen.reshape(*self.camera, 3), self.light.weakness, rng)
 
-    def _seen_from_elsewhere(self, codes: NDArray[np.uint8]) -> FloatArray:
-        view = View(self._truth, self.room.lattice.calibrated(self.devices.camera_moved))
+    def seen_from_elsewhere(self, codes: NDArray[np.uint8]) -> FloatArray:
+        """Returns the light of the camera where it has moved, (camera pixels, 3)."""
         light = self.devices.projector.light(codes)
-        return self.exposure * view.rise(light) + self._ambient_scale * view.ambient()
+        return self.exposure * self._elsewhere.rise(light) + self._ambient_scale * self._elsewhere.ambient()
+
+    @cached_property
+    def _elsewhere(self) -> View:
+        return View(self._truth, self.room.lattice.calibrated(self.devices.camera_moved))
 
     @property
     def _ambient_scale(self) -> float:

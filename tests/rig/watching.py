@@ -143,5 +143,5 @@ class WatchedRoom:
 
     def _seen(self, rig: Rig, codes: Codes) -> FloatArray:
         if rig.devices.camera_moved != (0, 0):
-            return rig._seen_from_elsewhere(codes).reshape(*rig.camera, 3)
+            return rig.seen_from_elsewhere(codes).reshape(*rig.camera, 3)
         return rig.seen(codes).reshape(*rig.camera, 3)
