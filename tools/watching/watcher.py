@@ -20,6 +20,7 @@ from counterlight.raster import Shape
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.registration import homography
 from counterlight.tools.watching.estimate import (
+    COARSE,
     STILL_AMBIENT,
     STILL_LIGHT,
     STILL_PX,
@@ -347,7 +348,11 @@ class Watcher:
 
     def _automatic(self) -> bool:
         """Whether the gain of the captures follows the brightness of the film."""
-        known = [each.compared for each in list(self._taken)[-EXPOSURES:] if np.isfinite(each.compared.gain)]
+        # without captures that are so dark that rounded code values imitate a gain
+        latest = (each.compared for each in list(self._taken)[-EXPOSURES:])
+        known = [
+            each for each in latest if np.isfinite(each.gain) and COARSE * each.coarse < AUTOMATIC[1] * each.brightness
+        ]
         if len(known) < EXPOSURES:
             return False
         gain = np.log([max(each.gain, 1e-3) for each in known])
