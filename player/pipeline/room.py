@@ -24,7 +24,7 @@ from counterlight.pipeline.refinement import STARTS, Advice, Offer, advice_of, d
 from counterlight.pipeline.views_together import check_views, with_shared_darkness
 from counterlight.viewpoints import Places, Viewpoint, folders_of, is_set, read_places
 
-LEAST_UNLIT = 0.03  # least share of a picture without light that is reported
+LEAST_UNLIT = 0.05  # least share of a picture without light that is reported
 DITHERS = ("ordered", "noise", "none")
 
 
