@@ -27,7 +27,7 @@ SENTENCES = (  # page, words of prose, reason
     ("docs/mathematics.md", "three other pictures lose at most the tolerance of 0.1 dB", TESTED),
     ("docs/hdr.md", "Measured DLP projector", OUTSIDE),
     ("docs/in_step.md", "with three players on 2 cores", TESTED),
-    ("docs/reliability.md", "The hour of 20 clients", "hours: make fuzz, with the seeds of the page"),
+    ("docs/reliability.md", "an hour with 20 clients", "hours: make fuzz, with the seeds of the page"),
     ("docs/size.md", "1 of 305 encodings", "hundreds of encodings, by chance"),
     ("docs/size.md", "is simulated in 43 s", LARGE),
     ("docs/size.md", "581.7 million entries became 34.9", LARGE),
