@@ -174,7 +174,7 @@ def test_dust_is_learned_within_minutes_and_forgotten_if_the_camera_moves_meanwh
         drive = view.room.response.to_linear(codes).astype(np.float16)
         watching.light(Light(time_s, grid_means(drive)))
         watching.picture(Picture(time_s, drive))
-        light = rig.seen(codes) if time_s < moved_s else away.seen_from_elsewhere(codes)
+        light = rig.seen(codes) if time_s < moved_s else away.seen_by_camera(codes)
         shot = rig.devices.sensor.codes(light.reshape(*rig.camera, 3) * wall[..., None], rig.light.weakness, rng)
         watching.capture(time_s + 0.01, np.rint(shot / 257.0).astype(np.uint8), exposures)
         answer = watching.answer(time_s + 0.02)

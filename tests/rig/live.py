@@ -234,7 +234,7 @@ def live(
 
     watched = WatchedRoom(rig, camera, devices, lambda time_s: event.person(time_s - began[0], rig.camera))
     for later_s in np.arange(0, max(after_s) + 1, 1.0):  # a changed room takes seconds to compute
-        watched.light(watched.rig_at(origin + later_s), np.zeros((*rig.raster, 3), np.uint8))
+        watched.rig_at(origin + later_s).seen_by_camera(np.zeros((*rig.raster, 3), np.uint8))
     captures = place / "captures"
     captures.mkdir(exist_ok=True)
     (place / "show.socket").unlink(missing_ok=True)  # left by a player that was killed

@@ -86,25 +86,26 @@ class Rig:
         """Returns the calibrated camera's light without noise: (height, width, 3) codes -> (camera pixels, 3)."""
         return self.transport.apply(self.devices.projector.light(codes)) + self.ambient
 
+    def seen_by_camera(self, codes: NDArray[np.uint8]) -> FloatArray:
+        """Returns the camera's light without noise at its present place, (camera pixels, 3)."""
+        return self.seen(codes) if self.devices.camera_moved == (0, 0) else self._light(self._moved_view, codes)
+
     def seen_by_audience(self, codes: NDArray[np.uint8]) -> FloatArray:
         """Returns the audience's light, (audience pixels, 3)."""
-        light = self.devices.projector.light(codes)
-        return self.exposure * self.audience.rise(light) + self._ambient_scale * self.audience.ambient()
+        return self._light(self.audience, codes)
 
     def photograph(self, codes: NDArray[np.uint8], *seed: int) -> NDArray[np.uint16]:
         """Returns what the calibrated camera's sensor saw: (camera height, camera width, 3), 16 bits."""
-        moved = self.devices.camera_moved
-        seen = self.seen(codes) if moved == (0, 0) else self.seen_from_elsewhere(codes)
         rng = np.random.default_rng(seed)
-        return self.devices.sensor.codes(seen.reshape(*self.camera, 3), self.light.weakness, rng)
+        seen = self.seen_by_camera(codes).reshape(*self.camera, 3)
+        return self.devices.sensor.codes(seen, self.light.weakness, rng)
 
-    def seen_from_elsewhere(self, codes: NDArray[np.uint8]) -> FloatArray:
-        """Returns the light of the camera where it has moved, (camera pixels, 3)."""
+    def _light(self, view: View, codes: NDArray[np.uint8]) -> FloatArray:
         light = self.devices.projector.light(codes)
-        return self.exposure * self._elsewhere.rise(light) + self._ambient_scale * self._elsewhere.ambient()
+        return self.exposure * view.rise(light) + self._ambient_scale * view.ambient()
 
     @cached_property
-    def _elsewhere(self) -> View:
+    def _moved_view(self) -> View:
         return View(self._truth, self.room.lattice.calibrated(self.devices.camera_moved))
 
     @property

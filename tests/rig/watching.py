@@ -121,7 +121,9 @@ class WatchedRoom:
         for frame, end in zip(frames[start:], ends, strict=True):
             share = np.clip(np.minimum(last, end) - np.maximum(last - camera.exposure_s, frame.time_s), 0, None)
             if share.any():
-                light += share[:, None, None] / camera.exposure_s * self.light(rig, frame.codes)
+                light += (
+                    share[:, None, None] / camera.exposure_s * rig.seen_by_camera(frame.codes).reshape(*rig.camera, 3)
+                )
         seen = self._person(time_s)
         if seen is not None:
             light = light * seen.reshape(*rig.camera, -1)
@@ -140,9 +142,3 @@ class WatchedRoom:
         if now not in self._rigs:
             self._rigs[now] = self._rig.after(now)
         return self._rigs[now]
-
-    def light(self, rig: Rig, codes: Codes) -> FloatArray:
-        """Returns the light of the camera, wherever it is, (camera height, camera width, 3)."""
-        if rig.devices.camera_moved != (0, 0):
-            return rig.seen_from_elsewhere(codes).reshape(*rig.camera, 3)
-        return rig.seen(codes).reshape(*rig.camera, 3)
