@@ -20,7 +20,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.show.beginning import Playing, Showing, Sound
 from counterlight.show.governor import Governor
-from counterlight.show.playlist import Playlist, is_list, read_list
+from counterlight.show.playlist import Playlist, listed
 from counterlight.show.registry import Commands
 from counterlight.show.session import Session
 from counterlight.show.show import Show
@@ -263,11 +263,10 @@ class Stage:
         return Medium(name)
 
     def find(self, medium: Medium) -> list[Medium]:
-        if is_list(medium):
-            return read_list(medium, Border())
-        if medium.name not in self.readers:
+        found = listed(medium, Border())
+        if found == [medium] and medium.name not in self.readers:
             raise InputError(f"{medium}: no such file")
-        return [medium]
+        return found
 
     def begin(self, medium: Medium, *, loop: bool) -> Any:
         self.begun.append(medium.name)
@@ -289,7 +288,7 @@ class Stage:
         return self.outside(viewpoint)
 
     def unlit(self, pixels: Any, corners: Corners | None) -> None:
-        """Nothing is outside the light of this fake."""
+        """The light of this fake reaches every picture."""
 
     def fit(self, pixels: Any) -> Corners:
         return self.fitted.get(pixels.path, SQUARE)

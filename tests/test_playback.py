@@ -77,7 +77,7 @@ def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: An
         Waiting(Border()),
         screen,  # type: ignore[arg-type]
         screen,
-        SimpleNamespace(drifted=None, appraise=None, psnr=None, stand=lambda viewpoint: None, unlit=lambda *_: None),  # type: ignore[arg-type]  # no room is asked for more
+        SimpleNamespace(drifted=None, appraise=None, psnr=None, stand=lambda viewpoint: None, unlit=lambda *_: None),  # type: ignore[arg-type]  # what the session calls
         **setup,
         clock=clock,
     )

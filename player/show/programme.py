@@ -172,7 +172,7 @@ class Programme:
         medium = self.playlist.media[target]
         if self._ahead is not None and self._ahead.medium != medium:  # the list has changed since the medium was opened
             self._forget_ahead()
-        if is_list(medium):
+        if self._ahead is None and is_list(medium):
             return None
         try:
             if self._ahead is None:

@@ -244,7 +244,6 @@ class Watching:
         }
 
 
-@dataclass
 class Bursts:
     """Chooses the frames whose pictures the watcher gets: bursts of consecutive frames.
 
@@ -254,10 +253,10 @@ class Bursts:
     exposes : as in `Answer`.
     """
 
-    exposes: tuple[float, float, float] | tuple[()] = ()
-    _left: int = 0
-    _rests_until_s: float = float("-inf")
-    _last_s: float = float("-inf")
+    def __init__(self, exposes: tuple[float, float, float] | tuple[()] = ()) -> None:
+        self.exposes = exposes
+        self._left = 0
+        self._rests_until_s = self._last_s = float("-inf")
 
     def takes(self, now_s: float) -> bool:
         """Whether the picture of the frame that is shown from `now_s` on is sent."""
