@@ -24,6 +24,7 @@ UNSURE_PX, UNSURE_LIGHT, UNSURE_CAMERA = 0.1, 0.03, 0.1  # largest standard devi
 UNSURE_AMBIENT, UNSURE_EVEN = 0.004, 0.02  # error of the field of ambient light, and of its mean
 STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.02, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
+SETTLE_S = 20.0  # time after a change; the first estimate comes from few captures, and small changes improve it
 WORTH = 2.0  # least improvement of the held-back captures, in units of ½ χ²
 NEW = 0.03  # change of the picture, RMS of drive, from which on a capture counts fully
 OLD = 0.1  # weight of a capture of the same picture, relative to a full weight
@@ -77,7 +78,7 @@ class Estimate:
         self.theta: FloatArray = np.zeros(layout.size)
         self.applied: FloatArray = np.zeros(layout.size)
         self._records: deque[Record] = deque()
-        self._count = 0
+        self._count, self._settled_s = 0, -np.inf
         self._units = _units(layout)
         self._free = np.setdiff1d(np.arange(layout.size), layout.camera)
 
@@ -91,6 +92,13 @@ class Estimate:
         self._records.append(Record(time_s, compared.evidence.scaled(share), held, still))
         while self._records[0].time_s < time_s - WINDOWS_S[0]:
             self._records.popleft()
+
+    def apply(self, theta: FloatArray) -> None:
+        """Take note that the player will apply θ."""
+        now_s = self._records[-1].time_s
+        if now_s > self._settled_s and not np.array_equal(theta, self.applied):
+            self._settled_s = now_s + SETTLE_S
+        self.applied = theta
 
     def restart(self, theta: FloatArray) -> None:
         """Forget all captures, and continue from θ after a jump."""
@@ -154,15 +162,21 @@ class Estimate:
         return [self.layout.geometry(number) for number in range(self.layout.projectors)]
 
     def _simplest(self, theta: FloatArray, held: Evidence, still: FloatArray) -> FloatArray:
-        """Return θ, in which components keep their applied value if their change is small or improves nothing."""
+        """Return θ, in which components keep their applied value if their change is small or improves nothing.
+
+        Soon after a change, only small differences from the calibration are ignored.
+        """
         kept = theta.copy()
         kept[self.layout.camera] = 0
+        settling = self._records[-1].time_s <= self._settled_s
+        calm = np.zeros(self.layout.size) if settling else self.applied
         for places, least in self._groups(still):
-            back = kept.copy()
-            back[places] = self.applied[places]
-            small = float(np.abs(kept - back).max()) < least
-            if small or held.cost(back) - held.cost(kept) < WORTH:
+            back, near = kept.copy(), kept.copy()
+            back[places], near[places] = self.applied[places], calm[places]
+            if held.cost(back) - held.cost(kept) < WORTH:
                 kept = back
+            elif np.abs(kept - near).max() < least:
+                kept = near
         return kept
 
     def _solved(self, evidence: Evidence, free: NDArray[np.int64]) -> FloatArray:

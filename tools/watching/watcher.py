@@ -192,7 +192,7 @@ class Watcher:
         elif now_s - self._answered_s >= FIND_EVERY_S:
             self._history.append((self._applied, self._gains))
         if state == "correcting" and self._found is not None:
-            estimate.applied = self._found.theta
+            estimate.apply(self._found.theta)
         self._learns = state in ("correcting", "holding")
         if self._learns:
             self._approach(estimate.applied, step_s)
