@@ -187,30 +187,30 @@ PROSE = (
         "docs/hard_cases.md",
         SYSTEMS,
         (
-            "noise of 1 % becomes an error of {} to {} %",
+            "noise of 1 % in b becomes an error of {} to {} %",
             lambda t: ends(
                 [n for column in ("plain map, `svd`", "`qr`") for n in t("wall, condition 1e(4|8|14)", column)]
             ),
         ),
         (
-            "of the box optimum by at most {} percentage points, and after 4 steps by at most {}.",
+            "by at most {} percentage points. After 4 steps, the excess error is at most {} percentage points.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
         ("`qr` reports nothing and amplifies by {}.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
         ("the map already amplifies noise {} times", lambda t: (t.one("weights", "map, auto", 1),)),
-        ("64 steps amplify noise at most {} times", lambda t: (max(t(": (?!weights)", "64 steps", 1)),)),
+        ("Noise is amplified at most {} times by 64 steps", lambda t: (max(t(": (?!weights)", "64 steps", 1)),)),
     ),
     said(
         "docs/hard_cases.md",
         CUTS,
         (
-            "no cluster of a cut wall is worse conditioned than {},",
+            "no cluster of a cut wall has a condition number above {},",
             lambda t: (max(t(r"\| (40|10)$", "worst condition")),),
         ),
         (
-            "the error of a cut wall ends at {} % whatever the blur",
+            "cut walls have an error of up to {} %.",
             lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
         ),
-        ("bounds the amplification just as well at {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
+        ("bounds the amplification just as well, at an error of {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
     ),
 )
