@@ -21,7 +21,7 @@ SENTENCES = (  # page, words of prose, reason
     ("docs/displays.md", "a stripe of 4 % of white becomes", TESTED),
     ("docs/drift.md", "shifts of up to 11 pixels are found within 0.02", TESTED),
     ("docs/drift.md", "a picture moved by (0.8, −0.5) is found within 0.1 pixels", TESTED),
-    ("docs/acquisition.md", "a gamma and sRGB are met to 0.3 % of white", TESTED),
+    ("docs/acquisition.md", "right to 0.3 % of white for a gamma and sRGB", TESTED),
     ("docs/colour.md", "(on even paint) and `pixel` are within 0.05 dB", TESTED),
     ("docs/hard_cases.md", "the clamped drive moves by less than 0.7 times the noise's share", TESTED),
     ("docs/mathematics.md", "three other pictures lose at most the tolerance of 0.1 dB", TESTED),

@@ -54,18 +54,21 @@ PROSE = (
     said(
         "docs/schemes.md",
         SMALL,
-        ("4 σ and one shot is within {} dB of the true T", lambda t: (largest(t, FINE, ONE),)),
-        ("the true T gives {} to {} dB", lambda t: ends(t(TRUTH, SMOOTH))),
         (
-            "is within {} dB on `corner`, `glass`, `skull` and `two_planes`",
+            "4 σ and one shot makes fine pictures at most {} dB worse than the true T",
+            lambda t: (largest(t, FINE, ONE),),
+        ),
+        ("({} to {} dB with the true T)", lambda t: ends(t(TRUTH, SMOOTH))),
+        (
+            "are at most {} dB worse in `corner`, `glass`, `skull` and `two_planes`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|glass|skull|two_planes"),),
         ),
         (
-            "Noise costs {} dB on `folded_cards`, {} on `statuette`, {} on `wall`.",
+            "pictures {} dB worse in `folded_cards`, {} dB in `statuette` and {} dB in `wall`.",
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
         (
-            "bring `hierarchical` within {} dB in every room",
+            "with `hierarchical` make fine and smooth pictures at most {} dB worse than the true T",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
@@ -73,12 +76,12 @@ PROSE = (
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         (
-            "with 16 shots is within {} dB on `wall` and",
+            "With 16 shots, pictures are at most {} dB worse than with the true T in `wall` and",
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
-        ("and {} dB on `corner`. At edges", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
+        ("and {} dB in `corner`.", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
         (
-            "it loses {} to {} dB of smooth pictures and {} to {} dB of fine pictures",
+            "Smooth pictures then become {} to {} dB worse, and fine pictures {} to {} dB.",
             lambda t: [n for column in (SMOOTH, FINE) for n in ends(lost(t, column, CODED_MANY, EDGES))],
         ),
         (
@@ -86,25 +89,28 @@ PROSE = (
             lambda t: (100 - 100 * min(ratios(pictures(t, COARSE), pictures(t, ONE))),),
         ),
         (
-            "This threshold costs up to {} dB of fine and {} dB of smooth pictures",
+            "Compared with 4 σ, fine pictures become up to {} dB worse, and smooth pictures up to {} dB.",
             lambda t: [largest(t, column, COARSE, than=ONE) for column in (FINE, SMOOTH)],
         ),
-        ("is lost (`corner`: error {} %)", lambda t: t("corner .* pixel by pixel", "error of T")),
+        ("In `corner`, the error of T would be {} %.", lambda t: t("corner .* pixel by pixel", "error of T")),
     ),
     said(
         "docs/schemes.md",
         LARGE,
-        ("one shot is within {} dB of the true T on fine pictures", lambda t: (largest(t, FINE, ONE),)),
         (
-            "On smooth pictures it is within {} dB, except on `wall`",
+            "one shot, `hierarchical` makes fine pictures at most {} dB worse than the true T",
+            lambda t: (largest(t, FINE, ONE),),
+        ),
+        (
+            "are at most {} dB worse, except in `wall`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|two_planes"),),
         ),
         (
-            "except on `wall` ({} dB below the true T's {} dB)",
+            "In `wall`, smooth pictures are {} dB below the {} dB of the true T.",
             lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
         ),
         (
-            "With 16 shots, `hierarchical` is within {} dB everywhere",
+            "With 16 shots, `hierarchical` makes pictures at most {} dB worse in every room",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
     ),
@@ -112,9 +118,10 @@ PROSE = (
         "docs/schemes.md",
         FIRST,
         ("nine pictures, which end {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
-        ("no more than 48 and end {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
+        ("give the same quality, {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
-            "Below `hierarchical`, nine pictures lose {} dB, sixteen {} dB, 48 lose {} dB, and 128 lose {} dB.",
+            "Compared with `hierarchical`, nine pictures are {} dB worse, sixteen {} dB, 48 pictures {} dB, "
+            "and 128 pictures {} dB.",
             lambda t: short(t, "defocus", 9, 16, 48, 128),
         ),
     ),

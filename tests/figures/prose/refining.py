@@ -49,7 +49,7 @@ PROSE = (
         "docs/refinement.md",
         STILLS,
         (
-            "From the map, eight steps end within {} dB of the optimum and sixteen within {} in every room",
+            "From the map, eight steps end within {} dB of the optimum in every room, and sixteen steps within {} dB.",
             lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
         ),
     ),
@@ -64,13 +64,13 @@ PROSE = (
     said(
         "docs/refinement.md",
         tabled("docs/tables/refinement.md", " | 1 step"),
-        ("the error never falls below {} dB", lambda t: (t.one("near light alone", "64 steps"),)),
+        ("pictures never come closer to the optimum than {} dB", lambda t: (t.one("near light alone", "64 steps"),)),
     ),
     said(
         "docs/refinement.md",
         STILLS,
         (
-            "Film stays within {} dB at four steps from `previous`, and within {} at eight",
+            "film stays within {} dB of the optimum with four steps, and within {} dB with eight",
             lambda t: [max(t(": previous$", f"{steps} steps")) for steps in (4, 8)],
         ),
     ),
@@ -90,7 +90,7 @@ PROSE = (
     said(
         "docs/refinement.md",
         tabled("docs/tables/standing.md", "room, picture | start, steps"),
-        ("All estimates are within a factor of {} of the truth", lambda t: (1 / min(estimated(t)),)),
-        ("(the worst estimate, {} times the truth, uses", lambda t: (min(estimated(t)),)),
+        ("All estimates are within a factor of {} of the true distance", lambda t: (1 / min(estimated(t)),)),
+        ("The worst estimate is {} times the true distance", lambda t: (min(estimated(t)),)),
     ),
 )

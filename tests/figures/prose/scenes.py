@@ -60,11 +60,11 @@ PROSE = (
         "docs/decomposition.md",
         DECOMPOSED,
         (
-            "Sharp rooms lose {} to {} dB at 1000 pixels and {} to {} dB at 50",
+            "pictures become {} to {} dB worse with clusters of up to 1000 pixels, and {} to {} dB with 50",
             lambda t: (*ends(cut(t, "wall|corner", 1000)), *ends(cut(t, "wall|corner", 50))),
         ),
         (
-            "the overlap that the inverse needs, and loses {} to {} dB",
+            "the overlap that the inverse needs, and pictures become {} to {} dB worse",
             lambda t: ends([t.one("focus .*any", p) - t.one("focus .*1000", p) for p in PICTURES[:2]]),
         ),
         ("a limit of 1000 pixels gives clusters of {}.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
@@ -73,21 +73,21 @@ PROSE = (
         "docs/decomposition.md",
         RADII,
         (
-            "is {} dB below the best with all singular values that float32 leaves. With only the values above a "
-            "hundredth of the largest, pictures are {} (photograph), {} (text) and {} dB (gradient) below.",
+            "a photograph is {} dB below the best. With only the values above a hundredth of the largest, pictures are "
+            "{} (photograph), {} (text) and {} dB (gradient) below the best.",
             lambda t: (t.one(r"0 \| uncut", ALL_RANKS), *(t.one(r": 0 \| uncut", HUNDREDTH, at) for at in range(3))),
         ),
         (
-            "hardly depend on the singular values** ({} dB with any)",
+            "A photograph is {} dB below the best with any choice of singular values",
             lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
         ),
         (
-            "keeps the light between the wings ({} to {} % of all)",
+            "keeps the light between the wings ({} to {} % of all light)",
             lambda t: ends(t(r"\| all, 0.1$", "light kept")),
         ),
         ("in clusters of up to {} pixels", lambda t: (max(t(r"\| all, 0.1$", "largest")),)),
         (
-            "A photograph is {} to {} dB below with a rank cutoff, and {} to {} dB below without",
+            "{} to {} dB below the best with a rank cutoff, and {} to {} dB without",
             lambda t: (
                 *ends([n for share in SHARES for n in t(r"\| all, 0.1$", share)]),
                 *ends(t(r"\| all, 0.1$", ALL_RANKS)),
