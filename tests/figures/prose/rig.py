@@ -103,7 +103,7 @@ PROSE = (
         "docs/first-rig.md",
         RIG,
         (
-            "A pixel of drift costs {} to {} dB",
+            "A drift of one projector pixel lowers PSNR by {} to {} dB",
             by_drift,
         ),
     ),
