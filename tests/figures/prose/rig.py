@@ -90,12 +90,12 @@ PROSE = (
         "docs/drift.md",
         RIG,
         (
-            "A shift of one projector pixel costs [{} to {} dB]",
+            "A shift of one projector pixel lowers PSNR by [{} to {} dB]",
             by_drift,
         ),
         (
-            "the wall has {} dB before and {} dB after, the corner {} and {}, the wall behind glass {} and {}, and the "
-            "room out of focus {} and {}.",
+            "from {} to {} dB on the wall and from {} to {} dB in the corner. PSNR falls from {} to {} dB on the wall "
+            "behind glass and from {} to {} dB in the room out of focus.",
             lambda t: [each for room in ROOMS for each in checked(t, room)],
         ),
     ),
@@ -103,7 +103,7 @@ PROSE = (
         "docs/first-rig.md",
         RIG,
         (
-            "A pixel of drift costs {} to {} dB",
+            "A drift of one projector pixel lowers PSNR by {} to {} dB",
             by_drift,
         ),
     ),

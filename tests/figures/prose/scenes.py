@@ -146,7 +146,7 @@ PROSE = (
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
         ),
         (
-            "is {} pixels off on the wall (median; 95 %: {}), and {} pixels off with the bust ({})",
+            "is off by {} pixels on the wall (median; 95 %: {}) and by {} pixels with the bust (median; 95 %: {})",
             "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
             "95 %: {})",
         ),
