@@ -164,14 +164,14 @@ PROSE = (
     said(
         "docs/simulation.md",
         WORTH,
-        ("Of the permitted 0.1 dB, at most {} dB are lost", lambda t: (max(t(".", "off by, dB")),)),
+        ("causes in the worst of four pictures: at most {} dB", lambda t: (max(t(".", "off by, dB")),)),
     ),
     told(
         "docs/simulation.md",
         tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
         2,
         (
-            "are worth {} dB in a camera of 72x54 and {} in one of 240x180",
+            "are worth {} dB with a camera of 72x54 and {} dB with a camera of 240x180",
             "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
         ),
     ),
