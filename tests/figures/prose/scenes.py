@@ -105,9 +105,9 @@ PROSE = (
     said(
         "docs/content.md",
         ADAPTED,
-        ("The result is up to {} dB closer to this target", lambda t: (max(off(t, "1 %", ASKED)),)),
+        ("The shown picture is up to {} dB closer to the adapted target", lambda t: (max(off(t, "1 %", ASKED)),)),
         (
-            "Compared with the original picture, adaptation loses {} to {} dB",
+            "Compared with the original picture, an adapted picture is {} to {} dB worse",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
         ),
     ),
@@ -115,7 +115,7 @@ PROSE = (
         "docs/content.md",
         FLICKER,
         (
-            "0.3 removes two fifths of the noise and costs {} dB on moving film",
+            "0.3` removes two fifths of the noise and makes moving film {} dB worse",
             lambda t: (t.one("off", "film: likewise (worst)") - t.one("0.3", "film: likewise (worst)"),),
         ),
     ),
