@@ -128,8 +128,8 @@ PROSE = (
         ("end {} dB below the best with", lambda t: near(t, "refined from direct, steps 4")),
         ("below the best with {} MiB of maps", lambda t: near(t, "refined from direct, steps 4", column=MIB)),
         (
-            "The whole `T⁺` without a step ends {} dB below with {} MiB.",
-            lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (BELOW, MIB)],
+            "The whole `T⁺` without a step needs {} MiB of maps and ends {} dB below the best.",
+            lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (MIB, BELOW)],
         ),
     ),
     told(

@@ -191,12 +191,12 @@ PROSE = (
     said(
         "docs/size.md",
         BLURRED,
-        ("blur is widest ({} entries per camera pixel), blocks", lambda t: (t.one("another T", "near"),)),
+        ("blur is widest ({} entries per camera pixel), these blocks", lambda t: (t.one("another T", "near"),)),
     ),
     counted(
         "docs/size.md",
         BLURRED,
         judged_away,
-        ("blocks cost films {} to {} dB", more),
+        ("blocks of pixels make films {} to {} dB worse", more),
     ),
 )
