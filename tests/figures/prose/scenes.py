@@ -98,7 +98,7 @@ PROSE = (
         "docs/colour.md",
         COLOUR,
         (
-            "worth {} dB on the wall and {} dB in the corner",
+            "gains {} dB on the wall and {} dB in the corner",
             lambda t: [by_pixel(t, room) for room in ("wall", "corner")],
         ),
     ),
