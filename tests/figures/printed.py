@@ -217,18 +217,19 @@ def own_room() -> Figures:
         ),
         5,
         in_one_line(
-            best=rf"possible pictures have {numbers} dB \(photograph\), {numbers} \(text\) and {numbers} \(gradient\)",
+            best=rf"possible pictures have {numbers} dB PSNR \(photograph\), {numbers} dB \(text\) and "
+            rf"{numbers} dB \(gradient\)",
             direct=rf"Direct mapping is {numbers} dB below",
             step=rf"one step from T⁺ is within {numbers}",
             ms=rf"one step from T⁺ is within [\d.]+ dB, at {numbers} ms per frame",
-            first=rf"The first {numbers} pictures of an acquisition are within 1 dB",
-            hierarchical=rf"{numbers} pictures of `hierarchical` within 0.1",
-            projector=rf"A projector of half the pixels per side costs {numbers}",
+            first=rf"from the first {numbers} pictures of an acquisition, pictures are within 1 dB",
+            hierarchical=rf"{numbers} pictures of `hierarchical`, within 0.1",
+            projector=rf"A projector of half the pixels per side makes pictures {numbers} dB worse",
             camera=rf"a camera of half the pixels {numbers}",
-            drift=rf"half a projector pixel of drift {numbers}",
-            film=rf"film is within 0.1 dB after (\d+) steps \({numbers} dB\) "
+            drift=rf"a drift of half a projector pixel {numbers}",
+            film=rf"film is within 0.1 dB of the best after (\d+) steps \({numbers} dB\), "
             rf"and stills after (\d+) \({numbers} dB\)\. - From",
-            film_of_map=rf"need a single step \({numbers} dB and {numbers} dB\)",
+            film_of_map=rf"need a single step \({numbers} dB and {numbers} dB below the best\)",
         ),
         in_one_line(
             best=rf"can show is {numbers} dB \(photograph\), {numbers} dB \(text\), {numbers} dB \(gradient\)",

@@ -71,20 +71,20 @@ PROSE = (
         ("**Uncompensated** pictures are {} dB below the best", lambda t: near(t, "uncompensated")),
         ("takes almost no time, and comes within {} dB", lambda t: near(t, "direct")),
         ("*triangulated*) comes within {} dB.", lambda t: near(t, "direct, triangulated")),
-        ("In `corner` direct mapping is {} dB below, because it ignores", lambda t: near(t, "direct", column=WORST)),
-        ("dB below with the statuette and {} in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
-        ("same largest cluster, is {} dB below the best on average", lambda t: near(t, "T⁺, cut, max-cluster 200")),
+        ("In `corner`, direct mapping is {} dB below the best", lambda t: near(t, "direct", column=WORST)),
+        ("in `statuette` and {} dB in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
+        ("together give pictures {} dB below the best on average", lambda t: near(t, "T⁺, cut, max-cluster 200")),
         (
             "below the best on average, and {} dB in the worst room",
             lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST),
         ),
         (
-            "Four steps end {} to {} dB below the best, and sixteen steps {} dB,",
+            "pictures after four steps are {} to {} dB below the best, and after sixteen steps {} dB.",
             lambda t: near(
                 t, *(f"refined from {way}" for way in ("T⁺, cut, steps 4", "direct, steps 4", "T⁺, steps 16"))
             ),
         ),
-        ("The {} dB that remain after 64 steps", lambda t: near(t, "refined from T⁺, steps 64")),
+        ("the {} dB that remain after 64 steps", lambda t: near(t, "refined from T⁺, steps 64")),
     ),
     counted(
         "docs/accuracy.md",
@@ -95,16 +95,16 @@ PROSE = (
             lambda t: (max(mean(of_room(t, room, THESIS)) for room in FOUR),),
         ),
         (
-            "In `corner` the method is {} dB below, because the cut",
+            "In `corner` the method is {} dB below, because its cut",
             lambda t: (mean(of_room(t, "corner", THESIS)),),
         ),
         (
-            "pictures are {} dB below with the statuette",
+            "Pictures are then {} dB below the best in `statuette`",
             lambda t: (mean(of_room(t, "statuette", THESIS)),),
         ),
-        ("instead of a half removes {} to {} % of the map", left_out),
+        ("instead of a half, the map is {} to {} % smaller", left_out),
         (
-            "of the map and costs {} dB at most",
+            "smaller and pictures are at most {} dB worse",
             lambda t: (max(worse(t, "T⁺, max-error 2", than="T⁺, max-error 0.5")),),
         ),
     ),
@@ -127,8 +127,8 @@ PROSE = (
         ("end {} dB below the best with", lambda t: near(t, "refined from direct, steps 4")),
         ("below the best with {} MiB of maps", lambda t: near(t, "refined from direct, steps 4", column=MIB)),
         (
-            "The whole `T⁺` without a step ends {} dB below with {} MiB.",
-            lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (BELOW, MIB)],
+            "The whole `T⁺` without a step needs {} MiB of maps and ends {} dB below the best.",
+            lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (MIB, BELOW)],
         ),
     ),
     told(

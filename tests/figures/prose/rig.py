@@ -58,30 +58,36 @@ PROSE = (
             lambda t: ends(t("home", "below, dB")),
         ),
         ("Inside the border, `home` is at most {} dB below", lambda t: (below_inside(t),)),
-        ("**Light outside** is at most {} % of white", lambda t: (max(t("home", "light outside (plain)")),)),
-        ("More steps lower PSNR by {} dB at most", lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),)),
+        (
+            "**Light outside** the picture is at most {} % of white",
+            lambda t: (max(t("home", "light outside (plain)")),),
+        ),
+        (
+            "More steps of refinement lower the PSNR by {} dB at most",
+            lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),),
+        ),
         (
             "after a drift and one check, a picture is at {} to {} dB",
             lambda t: ends([after for _, after in (checked(t, room) for room in ROOMS)]),
         ),
-        ("A pixel costs {} to {} dB", by_drift),
+        ("A drift of one projector pixel reduces PSNR by {} to {} dB", by_drift),
     ),
     said(
         "docs/rig.md",
         ALONE,
         (
-            "One check recovers both: {} and {} dB of {} dB",
+            "is again {} dB in `lamp` and {} dB in `daylight`, of {} dB in `quiet`",
             lambda t: [
                 *(inside(t, "wall", fault, CHECKED) for fault in ("lamp", "daylight")),
                 inside(t, "wall", "quiet"),
             ],
         ),
         (
-            "treated as sRGB loses {} dB (`believed`)",
+            "treated as sRGB, pictures are {} dB worse (`believed`)",
             lambda t: (inside(t, "wall", "quiet") - inside(t, "wall", "believed"),),
         ),
         (
-            "A lamp at nine tenths costs {} dB, and three times the room's light costs {} dB.",
+            "A lamp at nine tenths reduces PSNR by {} dB, and three times the room's light by {} dB.",
             lambda t: [inside(t, "wall", "quiet") - inside(t, "wall", fault) for fault in ("lamp", "daylight")],
         ),
     ),

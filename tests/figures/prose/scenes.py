@@ -98,16 +98,16 @@ PROSE = (
         "docs/colour.md",
         COLOUR,
         (
-            "worth {} dB on the wall and {} dB in the corner",
+            "gains {} dB on the wall and {} dB in the corner",
             lambda t: [by_pixel(t, room) for room in ("wall", "corner")],
         ),
     ),
     said(
         "docs/content.md",
         ADAPTED,
-        ("The result is up to {} dB closer to this target", lambda t: (max(off(t, "1 %", ASKED)),)),
+        ("The shown picture is up to {} dB closer to the adapted target", lambda t: (max(off(t, "1 %", ASKED)),)),
         (
-            "Compared with the original picture, adaptation loses {} to {} dB",
+            "Compared with the original picture, an adapted picture is {} to {} dB worse",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
         ),
     ),
@@ -115,7 +115,7 @@ PROSE = (
         "docs/content.md",
         FLICKER,
         (
-            "0.3 removes two fifths of the noise and costs {} dB on moving film",
+            "0.3` removes two fifths of the noise and makes moving film {} dB worse",
             lambda t: (t.one("off", "film: likewise (worst)") - t.one("0.3", "film: likewise (worst)"),),
         ),
     ),
@@ -164,14 +164,14 @@ PROSE = (
     said(
         "docs/simulation.md",
         WORTH,
-        ("Of the permitted 0.1 dB, at most {} dB are lost", lambda t: (max(t(".", "off by, dB")),)),
+        ("causes in the worst of four pictures: at most {} dB", lambda t: (max(t(".", "off by, dB")),)),
     ),
     told(
         "docs/simulation.md",
         tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
         2,
         (
-            "are worth {} dB in a camera of 72x54 and {} in one of 240x180",
+            "are worth {} dB with a camera of 72x54 and {} dB with a camera of 240x180",
             "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
         ),
     ),
@@ -191,12 +191,12 @@ PROSE = (
     said(
         "docs/size.md",
         BLURRED,
-        ("blur is widest ({} entries per camera pixel), blocks", lambda t: (t.one("another T", "near"),)),
+        ("blur is widest ({} entries per camera pixel), these blocks", lambda t: (t.one("another T", "near"),)),
     ),
     counted(
         "docs/size.md",
         BLURRED,
         judged_away,
-        ("blocks cost films {} to {} dB", more),
+        ("blocks of pixels make films {} to {} dB worse", more),
     ),
 )
