@@ -20,7 +20,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Replace code with `\\|` in tables, which the site shows with the backslash; link to the pages of notebooks."""
+    """Remove the backslash of `\\|` in code, which the site would show, and link to the pages of notebooks."""
     markdown = markdown.replace(".ipynb)", ".md)")
     return CODE.sub(lambda code: f"<code>{_entities(code[1].replace(chr(92), ''))}</code>", markdown)
 

@@ -55,7 +55,7 @@ PROSE = (
         "docs/schemes.md",
         SMALL,
         (
-            "4 σ and one shot makes fine pictures at most {} dB worse than the true T",
+            "4 σ and one shot: fine pictures are at most {} dB worse than with the true T",
             lambda t: (largest(t, FINE, ONE),),
         ),
         ("({} to {} dB with the true T)", lambda t: ends(t(TRUTH, SMOOTH))),
@@ -68,7 +68,7 @@ PROSE = (
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
         (
-            "with `hierarchical` make fine and smooth pictures at most {} dB worse than the true T",
+            "16 shots: fine and smooth pictures are at most {} dB worse than with the true T",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
@@ -89,16 +89,16 @@ PROSE = (
             lambda t: (100 - 100 * min(ratios(pictures(t, COARSE), pictures(t, ONE))),),
         ),
         (
-            "Compared with 4 σ, fine pictures become up to {} dB worse, and smooth pictures up to {} dB.",
+            "Fine pictures are then up to {} dB worse than with 4 σ, and smooth pictures up to {} dB worse.",
             lambda t: [largest(t, column, COARSE, than=ONE) for column in (FINE, SMOOTH)],
         ),
-        ("In `corner`, the error of T would be {} %.", lambda t: t("corner .* pixel by pixel", "error of T")),
+        ("In `corner`, such a T would have an error of {} %.", lambda t: t("corner .* pixel by pixel", "error of T")),
     ),
     said(
         "docs/schemes.md",
         LARGE,
         (
-            "one shot, `hierarchical` makes fine pictures at most {} dB worse than the true T",
+            "with one shot, fine pictures are at most {} dB worse than with the true T",
             lambda t: (largest(t, FINE, ONE),),
         ),
         (
@@ -110,7 +110,7 @@ PROSE = (
             lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
         ),
         (
-            "With 16 shots, `hierarchical` makes pictures at most {} dB worse in every room",
+            "With 16 shots, pictures are at most {} dB worse in every room",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
     ),

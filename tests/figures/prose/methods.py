@@ -95,7 +95,7 @@ PROSE = (
             lambda t: (max(mean(of_room(t, room, THESIS)) for room in FOUR),),
         ),
         (
-            "In `corner` the method is {} dB below, because its cut",
+            "In `corner`, the method is {} dB below the best, because its cut",
             lambda t: (mean(of_room(t, "corner", THESIS)),),
         ),
         (
@@ -124,10 +124,13 @@ PROSE = (
     said(
         "docs/size.md",
         ACCURACY,
-        ("end {} dB below the best with", lambda t: near(t, "refined from direct, steps 4")),
-        ("below the best with {} MiB of maps", lambda t: near(t, "refined from direct, steps 4", column=MIB)),
+        ("and pictures are {} dB below the best. The whole", lambda t: near(t, "refined from direct, steps 4")),
         (
-            "The whole `T⁺` without a step needs {} MiB of maps and ends {} dB below the best.",
+            "four steps from direct mapping need {} MiB of maps",
+            lambda t: near(t, "refined from direct, steps 4", column=MIB),
+        ),
+        (
+            "The whole `T⁺` without a step needs {} MiB of maps, and pictures are {} dB below the best.",
             lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (MIB, BELOW)],
         ),
     ),
@@ -176,7 +179,7 @@ PROSE = (
             lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
         ),
         (
-            "instead of pixels, are {} dB better than triangulated",
+            "instead of pixels, is {} dB better than triangulated",
             lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
         ),
         (
@@ -201,7 +204,7 @@ PROSE = (
             "by at most {} percentage points. After 4 steps, the excess error is at most {} percentage points.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
-        ("`qr` reports nothing and amplifies by {}.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
+        ("`qr` amplifies noise by {} without a warning.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
         ("the map already amplifies noise {} times", lambda t: (t.one("weights", "map, auto", 1),)),
         ("Noise is amplified at most {} times by 64 steps", lambda t: (max(t(": (?!weights)", "64 steps", 1)),)),
     ),

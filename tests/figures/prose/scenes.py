@@ -73,12 +73,12 @@ PROSE = (
         "docs/decomposition.md",
         RADII,
         (
-            "a photograph is {} dB below the best. With only the values above a hundredth of the largest, pictures are "
-            "{} (photograph), {} (text) and {} dB (gradient) below the best.",
+            "a photograph is {} dB below the best. Without the singular values below a hundredth of the largest, the "
+            "photograph is {} dB, a text {} dB, and a gradient {} dB below the best.",
             lambda t: (t.one(r"0 \| uncut", ALL_RANKS), *(t.one(r": 0 \| uncut", HUNDREDTH, at) for at in range(3))),
         ),
         (
-            "A photograph is {} dB below the best with any choice of singular values",
+            "A photograph is {} dB below the best with any choice.",
             lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
         ),
         (
@@ -164,14 +164,14 @@ PROSE = (
     said(
         "docs/simulation.md",
         WORTH,
-        ("causes in the worst of four pictures: at most {} dB", lambda t: (max(t(".", "off by, dB")),)),
+        ("without these effects in the worst of four pictures: at most {} dB", lambda t: (max(t(".", "off by, dB")),)),
     ),
     told(
         "docs/simulation.md",
         tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
         2,
         (
-            "are worth {} dB with a camera of 72x54 and {} dB with a camera of 240x180",
+            "the worth of caustics is {} dB with a camera of 72x54 and {} dB with a camera of 240x180",
             "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
         ),
     ),
