@@ -30,15 +30,15 @@ RESIDUAL: FramePasses = (
     ("map transport", "begins a step: b − S y, the residual of near light (`player/pipeline/refiner.py`)"),
 )
 FAR_RESIDUAL: FramePasses = (
-    ("map far_gather", "begins the far light of y"),
-    ("map far_mix", "mixes its nodes"),
-    ("map far_scatter", "completes the residual b − T y"),
+    ("map far_gather", "gathers y into nodes of far light"),
+    ("map far_mix", "mixes the nodes"),
+    ("map far_scatter", "subtracts far light: the residual b − T y"),
 )
-SLOPE: FramePasses = (("map dual", "begins the slope TᵀW (b − T y)"),)
+SLOPE: FramePasses = (("map dual", "starts the slope TᵀW (b − T y) with near light"),)
 FAR_SLOPE: FramePasses = (
-    ("map dual_gather", "begins its far light"),
-    ("map dual_mix", "mixes its nodes"),
-    ("map dual_scatter", "completes the slope"),
+    ("map dual_gather", "gathers the residual into nodes"),
+    ("map dual_mix", "mixes the nodes"),
+    ("map dual_scatter", "adds far light to the slope"),
 )
 STEP: FramePasses = (("refinement_step", "makes the projected gradient step, with Nesterov's momentum"),)
 KEEP: FramePasses = (

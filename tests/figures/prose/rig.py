@@ -87,7 +87,7 @@ PROSE = (
             lambda t: (inside(t, "wall", "quiet") - inside(t, "wall", "believed"),),
         ),
         (
-            "A lamp at nine tenths reduces PSNR by {} dB, and three times the room's light by {} dB.",
+            "PSNR falls by {} dB if the lamp fades to nine tenths, and by {} dB if the room's light triples.",
             lambda t: [inside(t, "wall", "quiet") - inside(t, "wall", fault) for fault in ("lamp", "daylight")],
         ),
     ),
