@@ -120,8 +120,8 @@ PROSE = (
         ("nine pictures, which end {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
         ("give the same quality, {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
-            "Compared with `hierarchical`, the loss is {} dB after nine pictures, {} dB after 16, {} dB after 48, "
-            "and {} dB after 128.",
+            "Compared with `hierarchical`, nine pictures are {} dB worse, sixteen {} dB, 48 pictures {} dB, and 128 "
+            "pictures {} dB.",
             lambda t: short(t, "defocus", 9, 16, 48, 128),
         ),
     ),
