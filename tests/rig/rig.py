@@ -88,7 +88,8 @@ class Rig:
 
     def seen_by_camera(self, codes: NDArray[np.uint8]) -> FloatArray:
         """Returns the camera's light without noise at its present place, (camera pixels, 3)."""
-        return self.seen(codes) if self.devices.camera_moved == (0, 0) else self._light(self._moved_view, codes)
+        T, ambient = self._present
+        return T.apply(self.devices.projector.light(codes)) + ambient
 
     def seen_by_audience(self, codes: NDArray[np.uint8]) -> FloatArray:
         """Returns the audience's light, (audience pixels, 3)."""
@@ -105,8 +106,12 @@ class Rig:
         return self.exposure * view.rise(light) + self._ambient_scale * view.ambient()
 
     @cached_property
-    def _moved_view(self) -> View:
-        return View(self._truth, self.room.lattice.calibrated(self.devices.camera_moved))
+    def _present(self) -> tuple[Transport, FloatArray]:
+        """T and the room's light of the camera at its present place, as `transport` and `ambient`."""
+        if self.devices.camera_moved == (0, 0):
+            return self.transport, self.ambient
+        view = View(self._truth, self.room.lattice.calibrated(self.devices.camera_moved))
+        return view.transport().scaled(self.exposure), view.ambient() * self._ambient_scale
 
     @property
     def _ambient_scale(self) -> float:
