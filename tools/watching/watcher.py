@@ -60,6 +60,7 @@ GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
 BACK_S = 10.0  # if a camera has moved or changed, the corrections of this many last seconds are reverted
+UNCLEAR = 0.1  # share of the improvement; if a moved camera explains that much less, no camera has moved
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
 # share of outliers that starts the search of a jump; steps of the search in pixels
@@ -340,7 +341,7 @@ class Watcher:
             return "holding", "a correction would not predict other captures better"
         places = self._comparison.layout.all_geometry
         moves = np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX
-        unclear = moves and found.camera is not None and found.camera > -WORTH
+        unclear = moves and found.camera is not None and found.camera > -max(WORTH, UNCLEAR * found.better)
         self._unclear_s = min(self._unclear_s, now_s) if unclear else np.inf
         if now_s - self._unclear_s < UNCLEAR_S and unclear:
             return "holding", "it is unclear whether the camera or a projector has moved"
