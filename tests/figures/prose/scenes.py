@@ -140,13 +140,13 @@ PROSE = (
         VIEWS.minutes,
         *(
             (
-                f"**{what}.** Viewpoints lie from ...drives reach {{}} to {{}} dB",
+                f"**{what}.** Viewpoints lie from ...viewpoints reach {{}} to {{}} dB",
                 f"{what[2:]}, from ...best: {{}} to {{}} dB",
             )
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
         ),
         (
-            "is off by {} pixels on the wall (median; 95 %: {}) and by {} pixels with the bust (median; 95 %: {})",
+            "has a median error of {} pixels (95th percentile: {}) on the wall, and of {} pixels (95th percentile: {})",
             "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
             "95 %: {})",
         ),
