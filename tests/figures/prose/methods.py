@@ -201,7 +201,7 @@ PROSE = (
             ),
         ),
         (
-            "by at most {} percentage points. After 4 steps, the excess error is at most {} percentage points.",
+            "by at most {} percentage points. After 4 steps, the error exceeds the box optimum's error by at most {} percentage points.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
         ("`qr` amplifies noise by {} without a warning.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
@@ -219,6 +219,6 @@ PROSE = (
             "cut walls have an error of up to {} %.",
             lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
         ),
-        ("bounds the amplification just as well, at an error of {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
+        ("bounds the amplification as well as the cut, at an error of {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
     ),
 )

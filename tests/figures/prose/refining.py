@@ -49,7 +49,7 @@ PROSE = (
         "docs/refinement.md",
         STILLS,
         (
-            "From the map, eight steps end within {} dB of the optimum in every room, and sixteen steps within {} dB.",
+            "From the start `map`, eight steps end within {} dB of the optimum in every room, and sixteen steps within {} dB.",
             lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
         ),
     ),
@@ -70,7 +70,7 @@ PROSE = (
         "docs/refinement.md",
         STILLS,
         (
-            "film stays within {} dB of the optimum with four steps, and within {} dB with eight",
+            "film stays within {} dB of the optimum with four steps, and within {} dB with eight steps",
             lambda t: [max(t(": previous$", f"{steps} steps")) for steps in (4, 8)],
         ),
     ),
