@@ -92,7 +92,10 @@ PROSE = (
             "fine pictures are up to {} dB worse than with 4 σ, and smooth pictures up to {} dB.",
             lambda t: [largest(t, column, COARSE, than=ONE) for column in (FINE, SMOOTH)],
         ),
-        ("In `corner`, a T acquired pixel by pixel would have an error of {} %.", lambda t: t("corner .* pixel by pixel", "error of T")),
+        (
+            "In `corner`, a T acquired pixel by pixel would have an error of {} %.",
+            lambda t: t("corner .* pixel by pixel", "error of T"),
+        ),
     ),
     said(
         "docs/schemes.md",
