@@ -113,8 +113,8 @@ PROSE = (
         ACCURACY,
         studied,
         (
-            "These builds make pictures {} dB (skull), {} dB (statuette), {} dB (glass) and {} dB (cards) below the "
-            "optimum.",
+            "With *T⁺ as the thesis*, pictures are {} dB (skull), {} dB (statuette), {} dB (glass) and {} dB (cards) "
+            "below the optimum.",
             lambda t: [n for room in CAPTURED for n in of_room(t, room, THESIS, "photograph")],
         ),
         *(

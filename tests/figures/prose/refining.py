@@ -58,7 +58,7 @@ PROSE = (
         "docs/tables/refinement.md",
         STILLS,
         (
-            "what remains after 64 steps, {} to {} dB",
+            "which cause the {} to {} dB that remain after 64 steps",
             lambda t: ends(t(r": map$", "64 steps")),
         ),
     ),

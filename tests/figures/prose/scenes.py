@@ -60,11 +60,11 @@ PROSE = (
         "docs/decomposition.md",
         DECOMPOSED,
         (
-            "pictures become {} to {} dB worse with clusters of up to 1000 pixels, and {} to {} dB with 50",
+            "clusters of up to 1000 pixels makes pictures {} to {} dB worse, and a cut to 50 pixels {} to {} dB.",
             lambda t: (*ends(cut(t, "wall|corner", 1000)), *ends(cut(t, "wall|corner", 50))),
         ),
         (
-            "the overlap that the inverse needs, and pictures become {} to {} dB worse",
+            "the overlap that the inverse needs, and makes pictures {} to {} dB worse",
             lambda t: ends([t.one("focus .*any", p) - t.one("focus .*1000", p) for p in PICTURES[:2]]),
         ),
         ("a limit of 1000 pixels gives clusters of {} pixels.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
@@ -82,7 +82,7 @@ PROSE = (
             lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
         ),
         (
-            "keeps the light between the wings of `folded_cards` ({} to {} % of all light)",
+            "keeps {} to {} % of all light in `folded_cards`",
             lambda t: ends(t(r"\| all, 0.1$", "light kept")),
         ),
         ("in clusters of up to {} pixels", lambda t: (max(t(r"\| all, 0.1$", "largest")),)),
