@@ -64,7 +64,8 @@ PROSE = (
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|glass|skull|two_planes"),),
         ),
         (
-            "Noise makes smooth pictures {} dB worse in `folded_cards`, {} dB in `statuette` and {} dB in `wall`.",
+            "With the true T, smooth pictures would be {} dB better in `folded_cards`, {} dB in `statuette` and "
+            "{} dB in `wall`.",
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
         (
@@ -76,12 +77,13 @@ PROSE = (
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         (
-            "With 16 shots, pictures are at most {} dB worse than with the true T in `wall` and",
+            "With 16 shots of each pattern, pictures are at most {} dB worse than with the true T in `wall` and",
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
         ("and {} dB in `corner`.", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
         (
-            "smooth pictures {} to {} dB worse than the true T, and fine pictures {} to {} dB.",
+            "smooth pictures after `multiplexed` are {} to {} dB worse than with the true T, and fine pictures {} to "
+            "{} dB.",
             lambda t: [n for column in (SMOOTH, FINE) for n in ends(lost(t, column, CODED_MANY, EDGES))],
         ),
         (
@@ -120,7 +122,7 @@ PROSE = (
     said(
         "docs/schemes.md",
         FIRST,
-        ("they give a PSNR {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
+        ("with a PSNR {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
         ("give the same quality, {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
             "Compared with `hierarchical`, nine pictures are {} dB worse, sixteen {} dB, 48 pictures {} dB, and 128 "
