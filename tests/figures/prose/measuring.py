@@ -64,7 +64,8 @@ PROSE = (
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|glass|skull|two_planes"),),
         ),
         (
-            "pictures {} dB worse in `folded_cards`, {} dB in `statuette` and {} dB in `wall`.",
+            "With the true T, smooth pictures would be {} dB better in `folded_cards`, {} dB in `statuette` and "
+            "{} dB in `wall`.",
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
         (
@@ -72,16 +73,17 @@ PROSE = (
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
-            "`hierarchical` then takes up to {} times as many pictures",
+            "`hierarchical` takes up to {} times as many pictures",
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         (
-            "With 16 shots, pictures are at most {} dB worse than with the true T in `wall` and",
+            "With 16 shots of each pattern, pictures are at most {} dB worse than with the true T in `wall` and",
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
         ("and {} dB in `corner`.", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
         (
-            "Smooth pictures then become {} to {} dB worse, and fine pictures {} to {} dB.",
+            "smooth pictures after `multiplexed` are {} to {} dB worse than with the true T, and fine pictures {} to "
+            "{} dB.",
             lambda t: [n for column in (SMOOTH, FINE) for n in ends(lost(t, column, CODED_MANY, EDGES))],
         ),
         (
@@ -89,24 +91,27 @@ PROSE = (
             lambda t: (100 - 100 * min(ratios(pictures(t, COARSE), pictures(t, ONE))),),
         ),
         (
-            "Fine pictures are then up to {} dB worse than with 4 σ, and smooth pictures up to {} dB worse.",
+            "fine pictures are up to {} dB worse than with 4 σ, and smooth pictures up to {} dB.",
             lambda t: [largest(t, column, COARSE, than=ONE) for column in (FINE, SMOOTH)],
         ),
-        ("In `corner`, such a T would have an error of {} %.", lambda t: t("corner .* pixel by pixel", "error of T")),
+        (
+            "In `corner`, a T acquired pixel by pixel would have an error of {} %.",
+            lambda t: t("corner .* pixel by pixel", "error of T"),
+        ),
     ),
     said(
         "docs/schemes.md",
         LARGE,
         (
-            "with one shot, fine pictures are at most {} dB worse than with the true T",
+            "`hierarchical` with one shot, fine pictures are at most {} dB worse than with the true T",
             lambda t: (largest(t, FINE, ONE),),
         ),
         (
-            "are at most {} dB worse, except in `wall`",
+            "Smooth pictures are at most {} dB worse than with the true T, except in `wall`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|two_planes"),),
         ),
         (
-            "In `wall`, smooth pictures are {} dB below the {} dB of the true T.",
+            "In `wall`, the PSNR of smooth pictures is {} dB below the {} dB of the true T.",
             lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
         ),
         (
@@ -117,7 +122,7 @@ PROSE = (
     said(
         "docs/schemes.md",
         FIRST,
-        ("nine pictures, which end {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
+        ("with a PSNR {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
         ("give the same quality, {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
             "Compared with `hierarchical`, nine pictures are {} dB worse, sixteen {} dB, 48 pictures {} dB, and 128 "

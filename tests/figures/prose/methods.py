@@ -12,7 +12,7 @@ BRICKS = tabled("docs/tables/brickstone.md", "wall | picture")
 SYSTEMS = tabled("docs/hard_cases.md", "error, % / amplification")
 CUTS = tabled("docs/hard_cases.md", "focus | allowed")
 CAPTURED = {  # shipped scene -> the sentence of docs/table_6_1.md with its seconds
-    "skull": "this build takes {} s for the skull",
+    "skull": "the build takes {} s for the skull",
     "statuette": ", {} s for the statuette",
     "glass": ", {} s for the glass",
     "folded_cards": "and {} s for the cards",
@@ -113,7 +113,8 @@ PROSE = (
         ACCURACY,
         studied,
         (
-            "The pictures are {} dB (skull), {} dB (statuette), {} dB (glass) and {} dB (cards) below the optimum.",
+            "With *T⁺ as the thesis*, pictures are {} dB (skull), {} dB (statuette), {} dB (glass) and {} dB (cards) "
+            "below the optimum.",
             lambda t: [n for room in CAPTURED for n in of_room(t, room, THESIS, "photograph")],
         ),
         *(
@@ -159,7 +160,7 @@ PROSE = (
             lambda t: (t.one("skull", MAPPED, 2) - t.one("skull", DAMPED, 2),),
         ),
         (
-            "43 times as long, and improves the picture by {} dB.",
+            "43 times as long as direct mapping, and improves the picture by {} dB.",
             lambda t: (t.one("diffuse", MAPPED, 2) - t.one("diffuse", DAMPED, 2),),
         ),
         (
@@ -167,7 +168,7 @@ PROSE = (
             lambda t: (-t.one("glass", "direct, triangulated: computed; frame; below optimum", 2),),
         ),
         (
-            "in the cards and on wax, *multiplexed* is {} to {} dB below the optimum",
+            "in the cards and on the skull's wax, *multiplexed* is {} to {} dB below the optimum",
             lambda t: ends(t("skull|David|glass|diffuse", MULTIPLEXED, 2)),
         ),
     ),
@@ -175,7 +176,7 @@ PROSE = (
         "docs/table_6_1.md",
         BRICKS,
         (
-            "direct mapping and the thesis' T⁺ {} to {} dB below the best",
+            "direct mapping and the thesis' T⁺ are {} to {} dB below the best",
             lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
         ),
         (
@@ -183,7 +184,8 @@ PROSE = (
             lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
         ),
         (
-            "is {} dB better than triangulated direct mapping. On the flat wall, T⁺ is {} dB better.",
+            "is {} dB better than triangulated direct mapping. On the flat wall, T⁺ is {} dB better than triangulated "
+            "direct mapping.",
             lambda t: [
                 t.one(rf"{wall} \| photo", TRIANGLES) - t.one(rf"{wall} \| photo", THESIS)
                 for wall in ("relief", "flat")
@@ -201,7 +203,8 @@ PROSE = (
             ),
         ),
         (
-            "by at most {} percentage points. After 4 steps, the excess error is at most {} percentage points.",
+            "by at most {} percentage points. After 4 steps, the error exceeds the box optimum's error by at most {} "
+            "percentage points.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
         ("`qr` amplifies noise by {} without a warning.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
@@ -219,6 +222,9 @@ PROSE = (
             "cut walls have an error of up to {} %.",
             lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
         ),
-        ("bounds the amplification just as well, at an error of {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
+        (
+            "bounds the amplification as well as the cut, at an error of {} %",
+            lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),),
+        ),
     ),
 )

@@ -32,7 +32,7 @@ def estimated(t: Table) -> list[float]:
 
 def entries() -> Iterator[tuple[str, str]]:
     """Yield the sentence of each room before its tables, on the page and in the study's output."""
-    page = "The optimum has {} dB, and T⁺ alone is {} dB below. T⁺ has {} entries, and T has {}"
+    page = "The PSNR of the optimum is {} dB, and T⁺ alone is {} dB below the optimum. T⁺ has {} entries, and T has {}"
     printed = "optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
     names = {
         "## Wall": "wall",
@@ -49,7 +49,8 @@ PROSE = (
         "docs/refinement.md",
         STILLS,
         (
-            "From the map, eight steps end within {} dB of the optimum in every room, and sixteen steps within {} dB.",
+            "From the start `map`, eight steps end within {} dB of the optimum in every room, and sixteen steps within "
+            "{} dB.",
             lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
         ),
     ),
@@ -57,7 +58,7 @@ PROSE = (
         "docs/tables/refinement.md",
         STILLS,
         (
-            "what remains after 64 steps, {} to {} dB",
+            "which cause the {} to {} dB that remain after 64 steps",
             lambda t: ends(t(r": map$", "64 steps")),
         ),
     ),
@@ -70,7 +71,7 @@ PROSE = (
         "docs/refinement.md",
         STILLS,
         (
-            "film stays within {} dB of the optimum with four steps, and within {} dB with eight",
+            "film stays within {} dB of the optimum with four steps, and within {} dB with eight steps",
             lambda t: [max(t(": previous$", f"{steps} steps")) for steps in (4, 8)],
         ),
     ),
@@ -84,7 +85,7 @@ PROSE = (
         "docs/tables/refinement.md",
         STILLS.commands,
         STILLS.minutes,
-        ("keeps far light constant, at {} ms per", "as it is in the start, {} ms a"),
+        ("A step that keeps far light constant takes {} ms", "as it is in the start, {} ms a"),
     ),
     told("docs/tables/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
     said(

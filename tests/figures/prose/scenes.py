@@ -60,14 +60,14 @@ PROSE = (
         "docs/decomposition.md",
         DECOMPOSED,
         (
-            "pictures become {} to {} dB worse with clusters of up to 1000 pixels, and {} to {} dB with 50",
+            "clusters of up to 1000 pixels makes pictures {} to {} dB worse, and a cut to 50 pixels {} to {} dB.",
             lambda t: (*ends(cut(t, "wall|corner", 1000)), *ends(cut(t, "wall|corner", 50))),
         ),
         (
-            "the overlap that the inverse needs, and pictures become {} to {} dB worse",
+            "the overlap that the inverse needs, and makes pictures {} to {} dB worse",
             lambda t: ends([t.one("focus .*any", p) - t.one("focus .*1000", p) for p in PICTURES[:2]]),
         ),
-        ("a limit of 1000 pixels gives clusters of {}.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
+        ("a limit of 1000 pixels gives clusters of {} pixels.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
     ),
     said(
         "docs/decomposition.md",
@@ -78,16 +78,16 @@ PROSE = (
             lambda t: (t.one(r"0 \| uncut", ALL_RANKS), *(t.one(r": 0 \| uncut", HUNDREDTH, at) for at in range(3))),
         ),
         (
-            "A photograph is {} dB below the best with any choice.",
+            "a photograph is {} dB below the best whatever the inverse drops.",
             lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
         ),
         (
-            "keeps the light between the wings ({} to {} % of all light)",
+            "keeps {} to {} % of all light in `folded_cards`",
             lambda t: ends(t(r"\| all, 0.1$", "light kept")),
         ),
         ("in clusters of up to {} pixels", lambda t: (max(t(r"\| all, 0.1$", "largest")),)),
         (
-            "{} to {} dB below the best with a rank cutoff, and {} to {} dB without",
+            "{} to {} dB below the best if the inverse drops small singular values, and {} to {} dB otherwise",
             lambda t: (
                 *ends([n for share in SHARES for n in t(r"\| all, 0.1$", share)]),
                 *ends(t(r"\| all, 0.1$", ALL_RANKS)),
