@@ -63,7 +63,7 @@ PROSE = (
             lambda t: (max(t("home", "light outside (plain)")),),
         ),
         (
-            "More steps of refinement lower the PSNR by {} dB at most",
+            "From 0 to 64 steps of refinement, the PSNR falls by {} dB at most",
             lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),),
         ),
         (
