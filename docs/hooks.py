@@ -1,4 +1,4 @@
-"""Adds the generated pages to the site, and lists the parameters of docstrings (mkdocs.yml)."""
+"""Adds the generated pages to the site (mkdocs.yml), and formats the parameters of docstrings as lists."""
 
 import re
 
@@ -20,7 +20,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Remove the backslash of `\\|` in code, which the site would show, and link to the pages of notebooks."""
+    """Remove the backslash of `\\|` in code, which the site would show, and link to notebooks as pages."""
     markdown = markdown.replace(".ipynb)", ".md)")
     return CODE.sub(lambda code: f"<code>{_entities(code[1].replace(chr(92), ''))}</code>", markdown)
 
@@ -30,7 +30,7 @@ def _entities(code: str) -> str:
 
 
 class ListedParameters(griffe.Extension):
-    """Makes a list of the lines `name : text`, which Markdown would join."""
+    """Turns lines `name : text` of a docstring into a list, because Markdown would join the lines."""
 
     def on_object(self, *, obj: griffe.Object, **_: object) -> None:
         if obj.docstring:

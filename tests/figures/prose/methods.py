@@ -60,10 +60,10 @@ PROSE = (
         ("counterlight example --folder example",),
         2,
         (
-            "Simulated: {} dB PSNR before ({} at the camera's best exposure)",
+            "The simulated PSNR is {} dB before compensation ({} at the camera's best exposure)",
             "PSNR {} dB before, ...match...best: {} dB",
         ),
-        ("best exposure), {} dB after", "dB before, {} dB after"),
+        ("best exposure) and {} dB after compensation", "dB before, {} dB after"),
     ),
     said(
         "docs/accuracy.md",
