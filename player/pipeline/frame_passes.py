@@ -18,14 +18,14 @@ UNDO_FAR: FramePasses = (
         "map undo_gather",
         "gathers b into nodes, to predict the far light of the compensated picture (`player/pipeline/room_view.py`)",
     ),
-    ("map undo_mix", "computes the far light between these nodes"),
-    ("map far_scatter", "spreads this far light over camera pixels, and subtracts it from b"),
+    ("map undo_mix", "predicts the far light between nodes"),
+    ("map far_scatter", "spreads the predicted far light over camera pixels, and subtracts it from b"),
 )
 INVERSE: FramePasses = (("map correction", "multiplies b by T⁺, the correction map of thesis chapter 5"),)
 START: FramePasses = (
     (
         "combine",
-        "adds the change by refinement in the previous frame, and clamps the start p (`player/pipeline/starts.py`)",
+        "adds the previous frame's change by refinement to T⁺ b, and clamps the start p (`player/pipeline/starts.py`)",
     ),
     ("combine", "adds the previous frame's momentum to p, which gives y"),
 )

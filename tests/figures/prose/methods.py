@@ -95,14 +95,14 @@ PROSE = (
             lambda t: (max(mean(of_room(t, room, THESIS)) for room in FOUR),),
         ),
         (
-            "In `corner`, the method is {} dB below the best, because its cut",
+            "In `corner`, the thesis' method is {} dB below the best, because its cut",
             lambda t: (mean(of_room(t, "corner", THESIS)),),
         ),
         (
-            "Pictures are then {} dB below the best in `statuette`",
+            "Pictures by the thesis' method are {} dB below the best in `statuette`",
             lambda t: (mean(of_room(t, "statuette", THESIS)),),
         ),
-        ("instead of a half, the map is {} to {} % smaller", left_out),
+        ("instead of half a code value, the map is {} to {} % smaller", left_out),
         (
             "smaller and pictures are at most {} dB worse",
             lambda t: (max(worse(t, "T⁺, max-error 2", than="T⁺, max-error 0.5")),),
