@@ -70,7 +70,7 @@ PROSE = (
         ACCURACY,
         ("**Uncompensated** pictures are {} dB below the best", lambda t: near(t, "uncompensated")),
         ("takes almost no time, and comes within {} dB", lambda t: near(t, "direct")),
-        ("*triangulated*) comes within {} dB.", lambda t: near(t, "direct, triangulated")),
+        ("*triangulated*) comes within {} dB of the best.", lambda t: near(t, "direct, triangulated")),
         ("In `corner`, direct mapping is {} dB below the best", lambda t: near(t, "direct", column=WORST)),
         ("in `statuette` and {} dB in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
         ("together give pictures {} dB below the best on average", lambda t: near(t, "T⁺, cut, max-cluster 200")),
