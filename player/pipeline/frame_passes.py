@@ -9,41 +9,44 @@ FramePasses = tuple[tuple[str, str], ...]  # (name of a pass, what the pass does
 
 TARGET: FramePasses = (
     ("planes_to_linear", "decodes code values to linear light"),
-    ("resample", "fits the picture to the camera's view, along x"),
-    ("resample", "does the same along y (`player/pipeline/placed.py`)"),
+    ("resample", "fits the picture to the camera's view, in width"),
+    ("resample", "fits the picture to the camera's view, in height (`player/pipeline/placed.py`)"),
     ("desired", "computes the target b = c − e, limited to what the room can show (`player/pipeline/request.py`)"),
 )
 UNDO_FAR: FramePasses = (
     (
         "map undo_gather",
-        "begins to remove the far light that the compensated picture will cause (`player/pipeline/room_view.py`)",
+        "gathers b into nodes, to predict the far light of the compensated picture (`player/pipeline/room_view.py`)",
     ),
-    ("map undo_mix", "mixes the nodes of far light"),
-    ("map far_scatter", "subtracts the far light from b"),
+    ("map undo_mix", "predicts the far light between nodes"),
+    ("map far_scatter", "spreads the predicted far light over camera pixels, and subtracts it from b"),
 )
-INVERSE: FramePasses = (("map correction", "multiplies with T⁺: the correction map of thesis chapter 5"),)
+INVERSE: FramePasses = (("map correction", "multiplies b by T⁺, the correction map of thesis chapter 5"),)
 START: FramePasses = (
-    ("combine", "adds what refinement changed in the previous frame (`player/pipeline/starts.py`)"),
-    ("combine", "adds the momentum"),
+    (
+        "combine",
+        "adds the previous frame's change by refinement to T⁺ b, and clamps the start p (`player/pipeline/starts.py`)",
+    ),
+    ("combine", "adds the previous frame's momentum to p, which gives y"),
 )
 RESIDUAL: FramePasses = (
-    ("map transport", "begins a step: b − S y, the residual of near light (`player/pipeline/refiner.py`)"),
+    ("map transport", "begins a step with b − S y, the residual of near light (`player/pipeline/refiner.py`)"),
 )
 FAR_RESIDUAL: FramePasses = (
-    ("map far_gather", "gathers y into nodes of far light"),
-    ("map far_mix", "mixes the nodes"),
-    ("map far_scatter", "subtracts far light: the residual b − T y"),
+    ("map far_gather", "gathers the drive y into nodes of far light"),
+    ("map far_mix", "computes the far light of the drive between nodes"),
+    ("map far_scatter", "subtracts the far light of the drive, which gives the residual b − T y"),
 )
-SLOPE: FramePasses = (("map dual", "starts the slope TᵀW (b − T y) with near light"),)
+SLOPE: FramePasses = (("map dual", "computes the part of the slope TᵀW (b − T y) from near light"),)
 FAR_SLOPE: FramePasses = (
-    ("map dual_gather", "gathers the residual into nodes"),
-    ("map dual_mix", "mixes the nodes"),
-    ("map dual_scatter", "adds far light to the slope"),
+    ("map dual_gather", "gathers the residual into nodes of far light"),
+    ("map dual_mix", "computes the part of the slope from far light between nodes"),
+    ("map dual_scatter", "adds the part from far light to the slope"),
 )
-STEP: FramePasses = (("refinement_step", "makes the projected gradient step, with Nesterov's momentum"),)
+STEP: FramePasses = (("refinement_step", "makes a projected gradient step, with Nesterov's momentum"),)
 KEEP: FramePasses = (
-    ("combine", "keeps what the steps changed, for the next frame"),
-    ("combine", "keeps the momentum"),
+    ("combine", "keeps the change by refinement, p − T⁺ b, for the next frame"),
+    ("combine", "keeps the momentum y − p for the next frame"),
 )
 SEND: FramePasses = (
     ("encode", "applies the inverse response of each projector, dithers, and writes 8-bit code values"),

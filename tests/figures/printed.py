@@ -124,15 +124,15 @@ def at_size(room: str, size: str) -> tuple[str, str]:
 
 def in_blocks(size: str, minutes: float) -> Figures:
     """Returns the row for docs/size.md's sentences on entries and blocks out of focus."""
-    losses = {"photograph": r"([\d.]+) dB \(photograph\)", "letters": r"([\d.]+) \(letters\)"}
+    losses = {"photograph": r"([\d.]+) dB \(photograph\)", "letters": r"([\d.]+) dB \(letters\)"}
     return Figures(
         "docs/size.md",
         at_size("two_planes", size),
         minutes,
         in_one_line(
-            entries=r"([\d,]+) entries per channel become ([\d,]+) near and ([\d,]+) blurred entries",
+            entries=r"([\d,]+) entries per channel to ([\d,]+) near and ([\d,]+) blurred entries",
             simulated=rf"--projector {size}`, (\d+) s of processor time",
-            soft=r"\(letters\) and ([\d.]+) \(soft\)",
+            soft=r"\(letters\) and ([\d.]+) dB \(soft\)",
             **losses,
         ),
         pattern(
@@ -147,9 +147,7 @@ def in_blocks(size: str, minutes: float) -> Figures:
 def led_in() -> Figures:
     """Returns the row for docs/size.md's sentences on a film that is divided within its shot."""
     play = f"counterlight play two_planes {CLIP} --segments 2"
-    stated = {
-        f"after {n}": rf"`--lead-in {n}`[^`]* in (\d+) of (\d+)(?: code values)?, by at most (\d+)" for n in (8, 48)
-    }
+    stated = {f"after {n}": rf"`--lead-in {n}`, (\d+) of (\d+) code values [^,`]*, by at most (\d+)" for n in (8, 48)}
     found = {f"after {n}": rf"(\d+) of (\d+) codes differ there, by at most (\d+)\nfilm{n}" for n in (8, 48)}
     return Figures(
         "docs/size.md",
@@ -159,7 +157,7 @@ def led_in() -> Figures:
             *(f"{play} --lead-in {n} --output film{n}.mkv" for n in (8, 48)),
         ),
         2,
-        in_one_line(frames=r"one shot of (\d+) frames", **stated),
+        in_one_line(frames=r"shipped clip of (\d+) frames", **stated),
         pattern(frames=r"film8.mkv: (\d+) frames", **found),
         share=0.1,
     )
@@ -223,15 +221,14 @@ def own_room() -> Figures:
             rf"{numbers} dB \(gradient\)",
             direct=rf"Direct mapping is {numbers} dB below",
             step=rf"one step from T⁺ is within {numbers}",
-            ms=rf"one step from T⁺ is within [\d.]+ dB, at {numbers} ms per frame",
+            ms=rf"one step from T⁺ is within [\d.]+ dB of the best, at {numbers} ms per frame",
             first=rf"from the first {numbers} pictures of an acquisition, pictures are within 1 dB",
-            hierarchical=rf"{numbers} pictures of `hierarchical`, within 0.1",
+            hierarchical=rf"{numbers} pictures of `hierarchical`, pictures are within 0.1",
             projector=rf"A projector of half the pixels per side makes pictures {numbers} dB worse",
             camera=rf"a camera of half the pixels {numbers}",
-            drift=rf"a drift of half a projector pixel {numbers}",
-            film=rf"film is within 0.1 dB of the best after (\d+) steps \({numbers} dB\), "
-            rf"and stills after (\d+) \({numbers} dB\)\. - From",
-            film_of_map=rf"need a single step \({numbers} dB and {numbers} dB below the best\)",
+            drift=rf"A drift of half a projector pixel lowers PSNR by {numbers}",
+            film=rf"film after (\d+) steps is {numbers} dB below the best, and stills after (\d+) steps {numbers} dB",
+            film_of_map=rf"by a single step, film is {numbers} dB below the best, and stills {numbers} dB",
         ),
         in_one_line(
             best=rf"can show is {numbers} dB \(photograph\), {numbers} dB \(text\), {numbers} dB \(gradient\)",

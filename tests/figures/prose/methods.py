@@ -60,17 +60,17 @@ PROSE = (
         ("counterlight example --folder example",),
         2,
         (
-            "Simulated: {} dB PSNR before ({} at the camera's best exposure)",
+            "The simulated PSNR is {} dB before compensation ({} at the camera's best exposure)",
             "PSNR {} dB before, ...match...best: {} dB",
         ),
-        ("best exposure), {} dB after", "dB before, {} dB after"),
+        ("best exposure) and {} dB after compensation", "dB before, {} dB after"),
     ),
     said(
         "docs/accuracy.md",
         ACCURACY,
         ("**Uncompensated** pictures are {} dB below the best", lambda t: near(t, "uncompensated")),
         ("takes almost no time, and comes within {} dB", lambda t: near(t, "direct")),
-        ("*triangulated*) comes within {} dB.", lambda t: near(t, "direct, triangulated")),
+        ("*triangulated*) comes within {} dB of the best.", lambda t: near(t, "direct, triangulated")),
         ("In `corner`, direct mapping is {} dB below the best", lambda t: near(t, "direct", column=WORST)),
         ("in `statuette` and {} dB in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
         ("together give pictures {} dB below the best on average", lambda t: near(t, "T⁺, cut, max-cluster 200")),
@@ -95,14 +95,14 @@ PROSE = (
             lambda t: (max(mean(of_room(t, room, THESIS)) for room in FOUR),),
         ),
         (
-            "In `corner`, the method is {} dB below the best, because its cut",
+            "In `corner`, the thesis' method is {} dB below the best, because its cut",
             lambda t: (mean(of_room(t, "corner", THESIS)),),
         ),
         (
-            "Pictures are then {} dB below the best in `statuette`",
+            "Pictures by the thesis' method are {} dB below the best in `statuette`",
             lambda t: (mean(of_room(t, "statuette", THESIS)),),
         ),
-        ("instead of a half, the map is {} to {} % smaller", left_out),
+        ("instead of half a code value, the map is {} to {} % smaller", left_out),
         (
             "smaller and pictures are at most {} dB worse",
             lambda t: (max(worse(t, "T⁺, max-error 2", than="T⁺, max-error 0.5")),),

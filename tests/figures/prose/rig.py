@@ -54,20 +54,20 @@ PROSE = (
         "docs/rig.md",
         RIG,
         (
-            "`home` is {} to {} dB below the best that any drive could show",
+            "pictures in `home` are {} to {} dB below the best that any drive could show",
             lambda t: ends(t("home", "below, dB")),
         ),
-        ("Inside the border, `home` is at most {} dB below", lambda t: (below_inside(t),)),
+        ("Inside the border, pictures in `home` are at most {} dB below", lambda t: (below_inside(t),)),
         (
             "**Light outside** the picture is at most {} % of white",
             lambda t: (max(t("home", "light outside (plain)")),),
         ),
         (
-            "More steps of refinement lower the PSNR by {} dB at most",
+            "Between 0 and 64 steps of refinement, more steps lower the PSNR by {} dB at most",
             lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),),
         ),
         (
-            "after a drift and one check, a picture is at {} to {} dB",
+            "after a drift and one check, a picture has a PSNR of {} to {} dB",
             lambda t: ends([after for _, after in (checked(t, room) for room in ROOMS)]),
         ),
         ("A drift of one projector pixel reduces PSNR by {} to {} dB", by_drift),
@@ -76,14 +76,14 @@ PROSE = (
         "docs/rig.md",
         ALONE,
         (
-            "is again {} dB in `lamp` and {} dB in `daylight`, of {} dB in `quiet`",
+            "is again {} dB in `lamp` and {} dB in `daylight`, compared with {} dB in `quiet`",
             lambda t: [
                 *(inside(t, "wall", fault, CHECKED) for fault in ("lamp", "daylight")),
                 inside(t, "wall", "quiet"),
             ],
         ),
         (
-            "treated as sRGB, pictures are {} dB worse (`believed`)",
+            "treated as sRGB, pictures are {} dB worse than with the true response (`believed`)",
             lambda t: (inside(t, "wall", "quiet") - inside(t, "wall", "believed"),),
         ),
         (

@@ -164,7 +164,10 @@ PROSE = (
     said(
         "docs/simulation.md",
         WORTH,
-        ("without these effects in the worst of four pictures: at most {} dB", lambda t: (max(t(".", "off by, dB")),)),
+        (
+            "without the effects in *off*, for the worst of four pictures: at most {} dB",
+            lambda t: (max(t(".", "off by, dB")),),
+        ),
     ),
     told(
         "docs/simulation.md",
@@ -181,7 +184,7 @@ PROSE = (
             f"counterlight simulate {name} --explain --camera 96x72 --projector 96x72" for name in ("glass", "skull")
         ),
         1,
-        ("they take {} and {} seconds", "together {} ...together {} "),
+        ("`glass` and `skull` take {} and {} seconds", "together {} ...together {} "),
     ),
     said(
         "docs/mathematics.md",
@@ -191,7 +194,7 @@ PROSE = (
     said(
         "docs/size.md",
         BLURRED,
-        ("blur is widest ({} entries per camera pixel), these blocks", lambda t: (t.one("another T", "near"),)),
+        ("blur is widest ({} entries per camera pixel), blocks", lambda t: (t.one("another T", "near"),)),
     ),
     counted(
         "docs/size.md",
