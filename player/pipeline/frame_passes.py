@@ -25,7 +25,7 @@ INVERSE: FramePasses = (("map correction", "multiplies b by T⁺, the correction
 START: FramePasses = (
     (
         "combine",
-        "adds the previous frame's change by refinement to T⁺ b, and clamps the start p (`player/pipeline/starts.py`)",
+        "adds refinement's change in the previous frame to T⁺ b, and clamps the start p (`player/pipeline/starts.py`)",
     ),
     ("combine", "adds the previous frame's momentum to p, which gives y"),
 )
@@ -45,7 +45,7 @@ FAR_SLOPE: FramePasses = (
 )
 STEP: FramePasses = (("refinement_step", "makes a projected gradient step, with Nesterov's momentum"),)
 KEEP: FramePasses = (
-    ("combine", "keeps the change by refinement, p − T⁺ b, for the next frame"),
+    ("combine", "keeps what refinement changed, p − T⁺ b, for the next frame"),
     ("combine", "keeps the momentum y − p for the next frame"),
 )
 SEND: FramePasses = (

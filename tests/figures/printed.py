@@ -131,7 +131,7 @@ def in_blocks(size: str, minutes: float) -> Figures:
         minutes,
         in_one_line(
             entries=r"([\d,]+) entries per channel to ([\d,]+) near and ([\d,]+) blurred entries",
-            simulated=rf"--projector {size}`, (\d+) s of processor time",
+            simulated=rf"--projector {size}` takes (\d+) s of processor time",
             soft=r"\(letters\) and ([\d.]+) dB \(soft\)",
             **losses,
         ),
@@ -157,7 +157,7 @@ def led_in() -> Figures:
             *(f"{play} --lead-in {n} --output film{n}.mkv" for n in (8, 48)),
         ),
         2,
-        in_one_line(frames=r"shipped clip of (\d+) frames", **stated),
+        in_one_line(frames=r"shipped clip \((\d+) frames", **stated),
         pattern(frames=r"film8.mkv: (\d+) frames", **found),
         share=0.1,
     )

@@ -140,7 +140,7 @@ PROSE = (
         VIEWS.minutes,
         *(
             (
-                f"**{what}.** Viewpoints lie from ...viewpoints reach {{}} to {{}} dB",
+                f"**{what}.** Viewpoints lie within ...viewpoints reach {{}} to {{}} dB",
                 f"{what[2:]}, from ...best: {{}} to {{}} dB",
             )
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
@@ -174,7 +174,7 @@ PROSE = (
         tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
         2,
         (
-            "the worth of caustics is {} dB with a camera of 72x54 and {} dB with a camera of 240x180",
+            "caustics are worth {} dB with a camera of 72x54 pixels and {} dB with 240x180 pixels",
             "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
         ),
     ),
