@@ -164,7 +164,7 @@ PROSE = (
             lambda t: (t.one("diffuse", MAPPED, 2) - t.one("diffuse", DAMPED, 2),),
         ),
         (
-            "In the glass, direct mapping is {} dB better",
+            "In the glass, triangulated direct mapping is {} dB better",
             lambda t: (-t.one("glass", "direct, triangulated: computed; frame; below optimum", 2),),
         ),
         (
@@ -223,7 +223,7 @@ PROSE = (
             lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
         ),
         (
-            "bounds the amplification as well as the cut, at an error of {} %",
+            "limits the amplification like the cut, but with an error of only {} %",
             lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),),
         ),
     ),

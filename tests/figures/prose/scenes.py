@@ -107,7 +107,7 @@ PROSE = (
         ADAPTED,
         ("The shown picture is up to {} dB closer to the adapted target", lambda t: (max(off(t, "1 %", ASKED)),)),
         (
-            "Compared with the original picture, an adapted picture is {} to {} dB worse",
+            "An adapted picture is {} to {} dB farther from the original picture",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
         ),
     ),
