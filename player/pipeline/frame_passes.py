@@ -16,9 +16,9 @@ TARGET: FramePasses = (
 UNDO_FAR: FramePasses = (
     (
         "map undo_gather",
-        "gathers b into nodes, to predict the far light of the compensated picture (`player/pipeline/room_view.py`)",
+        "gathers b into *nodes*, the samples of far light (`player/pipeline/room_view.py`)",
     ),
-    ("map undo_mix", "predicts the far light between nodes"),
+    ("map undo_mix", "predicts the compensated picture's far light between nodes"),
     ("map far_scatter", "spreads the predicted far light over camera pixels, and subtracts it from b"),
 )
 INVERSE: FramePasses = (("map correction", "multiplies b by T⁺, the correction map of thesis chapter 5"),)

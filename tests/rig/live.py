@@ -341,7 +341,19 @@ def _frame(rig: Rig, film: Film, seen: Seen, white: float) -> int:
     return min(near, key=misfit)
 
 
-HEADS = "event", "film", "time", "without, dB", "after verify, dB", "watched, dB", "state", "reason", "moved px", "gain"
+HEADS = (
+    "event",
+    "film",
+    "time",
+    "without, dB",
+    "after verify, dB",
+    "watched, dB",
+    "state",
+    "reason",
+    "moved px",
+    "gain",
+    "added light",
+)
 
 
 def row_of(event: str, film: str, moment: Moment) -> str:
@@ -349,5 +361,5 @@ def row_of(event: str, film: str, moment: Moment) -> str:
     state = moment.state
     qualities = moment.unwatched, moment.verified, moment.shown
     cells = event, film, f"{moment.time_s:.0f} s", *(f"{each:.1f}" for each in qualities)
-    cells = *cells, *(str(state.get(key, "")) for key in ("state", "reason", "moved_px", "gain"))
+    cells = *cells, *(str(state.get(key, "")) for key in ("state", "reason", "moved_px", "gain", "added_light"))
     return f"| {' | '.join(cells)} |"

@@ -78,6 +78,7 @@ class Estimate:
         self.theta: FloatArray = np.zeros(layout.size)
         self.applied: FloatArray = np.zeros(layout.size)
         self._records: deque[Record] = deque()
+        self._before: deque[tuple[float, FloatArray]] = deque([(-np.inf, self.applied)])  # θ applied since a time
         self._count, self._settled_s = 0, -np.inf
         self._units = _units(layout)
         self._free = np.setdiff1d(np.arange(layout.size), layout.camera)
@@ -96,9 +97,17 @@ class Estimate:
     def apply(self, theta: FloatArray) -> None:
         """Take note that the player will apply θ."""
         now_s = self._records[-1].time_s
-        if now_s > self._settled_s and not np.array_equal(theta, self.applied):
+        if np.array_equal(theta, self.applied):
+            return
+        if now_s > self._settled_s:
             self._settled_s = now_s + SETTLE_S
         self.applied = theta
+        self._before.append((now_s, theta))
+
+    def revert(self, theta: FloatArray) -> None:
+        """Take note that the player returns to an earlier θ, because the camera has changed."""
+        self.applied = theta
+        self._before = deque([(-np.inf, theta)])
 
     def restart(self, theta: FloatArray) -> None:
         """Forget all captures, and continue from θ after a jump."""
@@ -179,9 +188,9 @@ class Estimate:
                 kept = near
         return kept
 
-    def _solved(self, evidence: Evidence, free: NDArray[np.int64]) -> FloatArray:
-        """Minimise the cost over the determined directions of the free unknowns, from the applied θ."""
-        theta = self.applied.copy()
+    def _solved(self, evidence: Evidence, free: NDArray[np.int64], start: FloatArray | None = None) -> FloatArray:
+        """Minimise the cost over the determined directions of the free unknowns, from `start` or the applied θ."""
+        theta = (self.applied if start is None else start).copy()
         values, vectors = self._directions(evidence, free)
         units = self._units[np.ix_(free, free)]
         gradient = units.T @ (evidence.b - evidence.H @ theta)[free]
@@ -199,11 +208,17 @@ class Estimate:
         return float(np.mean(self._directions(evidence, places)[0] > 1))
 
     def _camera(self, evidence: Evidence, held: Evidence) -> tuple[float | None, int]:
-        """Return `Found.camera` and `Found.which`."""
+        """Return `Found.camera` and `Found.which`.
+
+        Both movements begin where the projectors were before the captures, because a correction may have been wrong.
+        """
+        while len(self._before) > 1 and self._before[1][0] < self._records[0].time_s:
+            self._before.popleft()
+        start, places = self.applied.copy(), self.layout.all_geometry
+        start[places] = self._before[0][1][places]
         light = np.concatenate([self.layout.all_gains, self.layout.ambient])
         geometry, camera = (
-            self._solved(evidence, np.concatenate([some, light]))
-            for some in (self.layout.all_geometry, self.layout.camera)
+            self._solved(evidence, np.concatenate([some, light]), start) for some in (places, self.layout.camera)
         )
         moves = np.abs(camera[self.layout.camera]).reshape(self.layout.cameras, -1).max(axis=1)
         better = held.cost(geometry) - held.cost(camera) if moves.max() >= CAMERA_MOVED else None

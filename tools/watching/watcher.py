@@ -59,7 +59,7 @@ AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least dev
 GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
-BACK_S = 10.0  # if a camera has moved or changed, the corrections of this many last seconds are reverted
+BACK_S = 20.0  # if a camera has moved or changed, the corrections of this many last seconds are reverted
 UNCLEAR = 0.1  # share of the improvement; if a moved camera explains that much less, no camera has moved
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
@@ -186,7 +186,7 @@ class Watcher:
         if state in ("camera moved", "camera changed"):
             if self._history:
                 self._applied, self._gains = self._history[0]  # from before the camera changed
-                estimate.applied = self._applied
+                estimate.revert(self._applied)
                 self._number += 1
                 self._history.clear()
             self._learning.restart(self._gains)
