@@ -16,6 +16,8 @@ from counterlight.tools.acquisition.registration import random_field
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.watching import watcher
+from counterlight.tools.watching.estimate import COARSE, SETTLE_S, Estimate, information
+from counterlight.tools.watching.evidence import Compared, Evidence, Layout
 from counterlight.tools.watching.learning import PART_S, PARTS
 from counterlight.tools.watching.view import RoomView
 from counterlight.unattended.watch_link import Answer, Light, Picture
@@ -113,6 +115,53 @@ def test_a_lamp_that_dims_is_found(view: RoomView, rig: Rig) -> None:
     last = seen(view, rig, later(projector=replace(CALM.projector, lamp=0.9)))[-1]
     np.testing.assert_allclose(last.projectors[0].gain, 0.9, atol=NEAR_LIGHT)
     assert np.abs(middle(view, last)).max() < STILL_PX
+
+
+@pytest.mark.parametrize(("after_s", "found"), [(5, 0.88), (SETTLE_S + 5, 0.91)])
+def test_the_first_estimate_is_improved_soon_after_a_change(after_s: float, found: float) -> None:
+    """Rounded code values hide changes below 3.6 %, except soon after a change."""
+    layout = Layout(1)
+    estimate, truth, first = Estimate(layout), np.zeros(layout.size), np.zeros(layout.size)
+    truth[layout.gain(0)], first[layout.gain(0)] = -0.12, -0.09
+    H = np.diag(np.where(np.isin(np.arange(layout.size), layout.gain(0)), 1e7, 0.0))
+    compared = compared_by(H, truth, coarse=0.036 / COARSE)
+    estimate.add(0.0, compared, np.inf)
+    estimate.apply(first)
+    for number in range(6):
+        estimate.add(after_s + number / 2, compared, np.inf)
+    best = estimate.find()
+    assert best is not None
+    np.testing.assert_allclose(1 + best.theta[layout.gain(0)], found, atol=1e-3)  # H also has the units' weight
+
+
+def compared_by(H: FloatArray, truth: FloatArray, coarse: float = 0.0) -> Compared:
+    """Returns a capture whose evidence is H around the true θ."""
+    evidence = Evidence(H, H @ truth, 0.5 * truth @ H @ truth, 1.0)
+    return Compared(evidence, 1.0, 0.0, 1.0, 1.0, coarse, 1.0, np.zeros((1, 3)), np.ones((1, 3)))
+
+
+def test_a_wrong_correction_does_not_hide_a_moved_camera() -> None:
+    """A movement of the camera looks almost like one of the projector, and was corrected as such."""
+    layout = Layout(1)
+    estimate, truth, wrong = Estimate(layout), np.zeros(layout.size), np.zeros(layout.size)
+    projector, camera = layout.geometry(0)[0], layout.camera[0]
+    truth[camera], wrong[projector] = 1, 0.9
+    H = np.zeros((layout.size,) * 2)
+    alike, apart = 1e5, 1e3  # information about the sum and the difference of the two movements
+    H[np.ix_([projector, camera], [projector, camera])] = [
+        [alike + apart, alike - apart],
+        [alike - apart, alike + apart],
+    ]
+    compared = compared_by(H, truth)
+    for number in range(12):
+        estimate.add(number / 2, compared, np.inf)
+        if number == 5:
+            estimate.apply(wrong)
+    found = estimate.find()
+    assert found is not None
+    assert found.camera is not None
+    # the camera explains everything; the projector leaves 2 * apart per capture, of which four are held back
+    np.testing.assert_allclose(found.camera, 4 * information(np.inf) * 2 * apart, rtol=0.05)
 
 
 def test_the_light_of_the_room_is_found(view: RoomView, rig: Rig) -> None:
