@@ -93,17 +93,14 @@ class Rig:
 
     def seen_by_audience(self, codes: NDArray[np.uint8]) -> FloatArray:
         """Returns the audience's light, (audience pixels, 3)."""
-        return self._light(self.audience, codes)
+        light = self.devices.projector.light(codes)
+        return self.exposure * self.audience.rise(light) + self._ambient_scale * self.audience.ambient()
 
     def photograph(self, codes: NDArray[np.uint8], *seed: int) -> NDArray[np.uint16]:
         """Returns what the calibrated camera's sensor saw: (camera height, camera width, 3), 16 bits."""
         rng = np.random.default_rng(seed)
         seen = self.seen_by_camera(codes).reshape(*self.camera, 3)
         return self.devices.sensor.codes(seen, self.light.weakness, rng)
-
-    def _light(self, view: View, codes: NDArray[np.uint8]) -> FloatArray:
-        light = self.devices.projector.light(codes)
-        return self.exposure * view.rise(light) + self._ambient_scale * view.ambient()
 
     @cached_property
     def _present(self) -> tuple[Transport, FloatArray]:

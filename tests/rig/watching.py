@@ -121,9 +121,8 @@ class WatchedRoom:
         for frame, end in zip(frames[start:], ends, strict=True):
             share = np.clip(np.minimum(last, end) - np.maximum(last - camera.exposure_s, frame.time_s), 0, None)
             if share.any():
-                light += (
-                    share[:, None, None] / camera.exposure_s * rig.seen_by_camera(frame.codes).reshape(*rig.camera, 3)
-                )
+                lit = rig.seen_by_camera(frame.codes).reshape(light.shape)
+                light += share[:, None, None] / camera.exposure_s * lit
         seen = self._person(time_s)
         if seen is not None:
             light = light * seen.reshape(*rig.camera, -1)

@@ -24,7 +24,7 @@ UNSURE_PX, UNSURE_LIGHT, UNSURE_CAMERA = 0.1, 0.03, 0.1  # largest standard devi
 UNSURE_AMBIENT, UNSURE_EVEN = 0.004, 0.02  # error of the field of ambient light, and of its mean
 STILL_PX, STILL_LIGHT, STILL_AMBIENT = 0.02, 0.01, 0.001  # smaller changes are ignored
 INFORMATION = 0.02  # share of the evidence that counts, because errors of T repeat in every capture
-SETTLE_S = 20.0  # time after a change; the first estimate comes from few captures, and small changes improve it
+SETTLE_S = WINDOWS_S[0]  # time after a change; the first estimate comes from few captures, and small changes improve it
 WORTH = 2.0  # least improvement of the held-back captures, in units of ½ χ²
 NEW = 0.03  # change of the picture, RMS of drive, from which on a capture counts fully
 OLD = 0.1  # weight of a capture of the same picture, relative to a full weight
@@ -38,12 +38,14 @@ class Record:
     """The evidence of a capture; `held` captures are not fitted.
 
     still : least changes of gains and of ambient light that rounded code values allow to see.
+    applied : the θ that the player had.
     """
 
     time_s: float
     evidence: Evidence
     held: bool
     still: tuple[float, float]
+    applied: FloatArray
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,6 @@ class Estimate:
         self.theta: FloatArray = np.zeros(layout.size)
         self.applied: FloatArray = np.zeros(layout.size)
         self._records: deque[Record] = deque()
-        self._before: deque[tuple[float, FloatArray]] = deque([(-np.inf, self.applied)])  # θ applied since a time
         self._count, self._settled_s = 0, -np.inf
         self._units = _units(layout)
         self._free = np.setdiff1d(np.arange(layout.size), layout.camera)
@@ -90,24 +91,21 @@ class Estimate:
         held = self._count % HOLD_BACK == 0
         error, bright = COARSE * compared.coarse, max(compared.brightness, 1e-3)
         still = max(STILL_LIGHT, error / bright), max(STILL_AMBIENT, error * min(1.0, DIM / bright))
-        self._records.append(Record(time_s, compared.evidence.scaled(share), held, still))
+        self._records.append(Record(time_s, compared.evidence.scaled(share), held, still, self.applied))
         while self._records[0].time_s < time_s - WINDOWS_S[0]:
             self._records.popleft()
 
     def apply(self, theta: FloatArray) -> None:
         """Take note that the player will apply θ."""
         now_s = self._records[-1].time_s
-        if np.array_equal(theta, self.applied):
-            return
-        if now_s > self._settled_s:
+        if now_s > self._settled_s and not np.array_equal(theta, self.applied):
             self._settled_s = now_s + SETTLE_S
         self.applied = theta
-        self._before.append((now_s, theta))
 
     def revert(self, theta: FloatArray) -> None:
         """Take note that the player returns to an earlier θ, because the camera has changed."""
         self.applied = theta
-        self._before = deque([(-np.inf, theta)])
+        self._records = deque(replace(record, applied=theta) for record in self._records)
 
     def restart(self, theta: FloatArray) -> None:
         """Forget all captures, and continue from θ after a jump."""
@@ -212,10 +210,8 @@ class Estimate:
 
         Both movements begin where the projectors were before the captures, because a correction may have been wrong.
         """
-        while len(self._before) > 1 and self._before[1][0] < self._records[0].time_s:
-            self._before.popleft()
         start, places = self.applied.copy(), self.layout.all_geometry
-        start[places] = self._before[0][1][places]
+        start[places] = self._records[0].applied[places]
         light = np.concatenate([self.layout.all_gains, self.layout.ambient])
         geometry, camera = (
             self._solved(evidence, np.concatenate([some, light]), start) for some in (places, self.layout.camera)

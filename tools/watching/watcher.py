@@ -24,6 +24,7 @@ from counterlight.tools.watching.estimate import (
     STILL_AMBIENT,
     STILL_LIGHT,
     STILL_PX,
+    WINDOWS_S,
     WORTH,
     Estimate,
     Found,
@@ -59,7 +60,7 @@ AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least dev
 GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
-BACK_S = 20.0  # if a camera has moved or changed, the corrections of this many last seconds are reverted
+BACK_S = WINDOWS_S[0]  # if a camera has moved or changed, the corrections of this many last seconds are reverted
 UNCLEAR = 0.1  # share of the improvement; if a moved camera explains that much less, no camera has moved
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
