@@ -122,7 +122,7 @@ PROSE = (
     said(
         "docs/cameras.md",
         CAMERAS,
-        ("{} codes off is nearly black", lambda t: (-t.one(": 1, 1$", GREY, 2),)),
+        ("{} code values off is nearly black", lambda t: (-t.one(": 1, 1$", GREY, 2),)),
     ),
     said(
         "docs/viewpoints.md",
