@@ -60,7 +60,7 @@ PROSE = (
         ("counterlight example --folder example",),
         2,
         (
-            "The simulated PSNR is {} dB before compensation ({} at the camera's best exposure)",
+            "The simulated PSNR is {} dB before compensation ({} dB at the camera's best exposure)",
             "PSNR {} dB before, ...match...best: {} dB",
         ),
         ("best exposure) and {} dB after compensation", "dB before, {} dB after"),
