@@ -32,16 +32,16 @@ def estimated(t: Table) -> list[float]:
 
 def entries() -> Iterator[tuple[str, str]]:
     """Yield the sentence of each room before its tables, on the page and in the study's output."""
-    page = "The PSNR of the optimum is {} dB, and T⁺ alone is {} dB below the optimum. T⁺ has {} entries, and T has {}"
+    page = "the PSNR of the optimum is {} dB, and T⁺ alone is {} dB below the optimum."
     printed = "optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
     names = {
-        "## Wall": "wall",
-        "## Corner": "corner",
-        "## `two_planes`": "two_planes",
-        "## Out of focus": "out of focus",
+        "the wall": "wall",
+        "the corner": "corner",
+        "`two_planes`": "two_planes",
+        "the room out of focus": "out of focus",
     }
-    for head, name in names.items():
-        yield f"{head} {page}", f"**{name}**, {printed}"
+    for room, name in names.items():
+        yield f"For {room}, {page} For {room}, T⁺ has {{}} entries, and T has {{}}", f"**{name}**, {printed}"
 
 
 PROSE = (
@@ -85,7 +85,7 @@ PROSE = (
         "docs/tables/refinement.md",
         STILLS.commands,
         STILLS.minutes,
-        ("A step that keeps far light constant takes {} ms", "as it is in the start, {} ms a"),
+        ("A step of refinement that keeps far light constant takes {} ms", "as it is in the start, {} ms a"),
     ),
     told("docs/tables/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
     said(
