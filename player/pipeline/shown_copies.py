@@ -17,7 +17,7 @@ from counterlight.pipeline.device import Device, Owner, Owning
 from counterlight.raster import Region, Shape
 from counterlight.response import Response
 
-FACTOR, NARROWEST = 4, 96  # factor of the reduction, and smallest width of a reduced picture
+FACTOR, NARROWEST = 4, 192  # factor of the reduction, and smallest width of a reduced picture
 LONGEST = 480  # most pixels of the longer side
 
 
