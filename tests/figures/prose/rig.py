@@ -63,7 +63,7 @@ PROSE = (
             lambda t: (max(t("home", "light outside (plain)")),),
         ),
         (
-            "Between 0 and 64 steps of refinement, more steps lower the PSNR by {} dB at most",
+            "From 0 to 64 steps of refinement, additional steps lower the PSNR by at most {} dB",
             lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),),
         ),
         (

@@ -174,7 +174,7 @@ PROSE = (
         tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
         2,
         (
-            "caustics are worth {} dB with a camera of 72x54 pixels and {} dB with 240x180 pixels",
+            "the worth of caustics is {} dB with a camera of 72x54 pixels and {} dB with 240x180 pixels",
             "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
         ),
     ),
