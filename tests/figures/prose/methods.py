@@ -127,11 +127,11 @@ PROSE = (
         ACCURACY,
         ("and pictures are {} dB below the best. The whole", lambda t: near(t, "refined from direct, steps 4")),
         (
-            "four steps from direct mapping need {} MiB of maps",
+            "four steps of refinement from direct mapping need {} MiB of maps",
             lambda t: near(t, "refined from direct, steps 4", column=MIB),
         ),
         (
-            "The whole `T⁺` without a step needs {} MiB of maps, and pictures are {} dB below the best.",
+            "The whole `T⁺` without refinement needs {} MiB of maps, and pictures are {} dB below the best.",
             lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (MIB, BELOW)],
         ),
     ),

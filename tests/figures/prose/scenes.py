@@ -128,7 +128,7 @@ PROSE = (
         "docs/viewpoints.md",
         VIEWS,
         (
-            "8 steps lost {} to {} dB",
+            "With a single view, *as played* is {} to {} dB below *solved between*",
             lambda t: ends(
                 [t.one(rf"^{n}: 1$", "… as played, 8 steps") - t.one(rf"^{n}: 1$", "solved between") for n in (1, 2, 3)]
             ),
