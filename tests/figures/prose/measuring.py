@@ -115,7 +115,7 @@ PROSE = (
             lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
         ),
         (
-            "With 16 shots, pictures are at most {} dB worse in every room",
+            "pixels and 16 shots, pictures in every room are at most {} dB worse",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
     ),

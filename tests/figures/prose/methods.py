@@ -180,18 +180,17 @@ PROSE = (
             lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
         ),
         (
-            "instead of pixels, is {} dB better than triangulated",
+            "the thesis' T⁺ is only {} dB better than triangulated direct mapping",
             lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
         ),
         (
-            "is {} dB better than triangulated direct mapping. On the flat wall, T⁺ is {} dB better than triangulated "
-            "direct mapping.",
+            "is {} dB better than triangulated direct mapping on the relief, and {} dB better on the flat wall.",
             lambda t: [
                 t.one(rf"{wall} \| photo", TRIANGLES) - t.one(rf"{wall} \| photo", THESIS)
                 for wall in ("relief", "flat")
             ],
         ),
-        ("four steps end {} to {} dB below the best", lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4"))),
+        ("pictures after four steps are {} to {} dB below the best", lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4"))),
     ),
     said(
         "docs/hard_cases.md",
