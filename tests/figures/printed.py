@@ -227,7 +227,7 @@ def own_room() -> Figures:
             projector=rf"Half as many projector pixels per side make pictures {numbers} dB worse",
             camera=rf"half as many camera pixels per side {numbers}",
             drift=rf"A drift of half a projector pixel lowers PSNR by {numbers}",
-            film=rf"film after (\d+) steps is {numbers} dB below the best, and stills after (\d+) steps are {numbers} dB",
+            film=rf"film after (\d+) steps is {numbers} dB below the best, and stills after (\d+) steps are {numbers}",
             film_of_map=rf"refinement from T⁺, film is {numbers} dB below the best, and stills are {numbers} dB",
         ),
         in_one_line(

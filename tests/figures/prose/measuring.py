@@ -111,7 +111,7 @@ PROSE = (
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|two_planes"),),
         ),
         (
-            "In `wall`, the PSNR of smooth pictures is {} dB below the {} dB of the true T.",
+            "In `wall`, the PSNR of smooth pictures is {} dB below the {} dB that the true T gives.",
             lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
         ),
         (
@@ -125,8 +125,8 @@ PROSE = (
         ("with a PSNR {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
         ("give the same quality, {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
-            "Compared with `hierarchical`, nine pictures are {} dB worse, sixteen {} dB, 48 pictures {} dB, and 128 "
-            "pictures {} dB.",
+            "The PSNR is {} dB below `hierarchical` with nine pictures, {} dB with sixteen, {} dB with 48, and {} dB "
+            "with 128 pictures.",
             lambda t: short(t, "defocus", 9, 16, 48, 128),
         ),
     ),

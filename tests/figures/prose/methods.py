@@ -190,7 +190,10 @@ PROSE = (
                 for wall in ("relief", "flat")
             ],
         ),
-        ("pictures after four steps are {} to {} dB below the best", lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4"))),
+        (
+            "pictures after four steps are {} to {} dB below the best",
+            lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4")),
+        ),
     ),
     said(
         "docs/hard_cases.md",
@@ -202,8 +205,8 @@ PROSE = (
             ),
         ),
         (
-            "by at most {} percentage points. After 4 steps, the error exceeds the box optimum's error by at most {} "
-            "percentage points.",
+            "by at most {} percentage points. After 4 steps of refinement, the error exceeds the box optimum's error by at "
+            "most {} percentage points.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
         ("`qr` amplifies noise by {} without a warning.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
@@ -222,7 +225,7 @@ PROSE = (
             lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
         ),
         (
-            "limits the amplification like the cut, but with an error of only {} %",
+            "limits the amplification as well as the cut does, but with an error of only {} %",
             lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),),
         ),
     ),
