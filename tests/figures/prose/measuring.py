@@ -107,11 +107,11 @@ PROSE = (
             lambda t: (largest(t, FINE, ONE),),
         ),
         (
-            "Smooth pictures are at most {} dB worse than with the true T, except in `wall`",
+            "one shot, smooth pictures are at most {} dB worse than with the true T, except in `wall`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|two_planes"),),
         ),
         (
-            "In `wall`, the PSNR of smooth pictures is {} dB below the {} dB that the true T gives.",
+            "one shot, the PSNR of smooth pictures is {} dB below the {} dB that the true T gives.",
             lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
         ),
         (

@@ -205,8 +205,8 @@ PROSE = (
             ),
         ),
         (
-            "by at most {} percentage points. After 4 steps of refinement, the error exceeds the box optimum's error by at "
-            "most {} percentage points.",
+            "by at most {} percentage points. After 4 steps of refinement, the error exceeds the box optimum's error "
+            "by at most {} percentage points.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
         ("`qr` amplifies noise by {} without a warning.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),

@@ -76,7 +76,7 @@ PROSE = (
         "docs/rig.md",
         ALONE,
         (
-            "is again {} dB in `lamp` and {} dB in `daylight`, compared with {} dB in `quiet`",
+            "border to {} dB in `lamp` and {} dB in `daylight`; the PSNR in `quiet` is {} dB",
             lambda t: [
                 *(inside(t, "wall", fault, CHECKED) for fault in ("lamp", "daylight")),
                 inside(t, "wall", "quiet"),
