@@ -64,7 +64,7 @@ PROSE = (
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|glass|skull|two_planes"),),
         ),
         (
-            "With the true T, smooth pictures would be {} dB better in `folded_cards`, {} dB in `statuette` and "
+            "from one shot, smooth pictures would be {} dB better in `folded_cards`, {} dB in `statuette` and "
             "{} dB in `wall`.",
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
