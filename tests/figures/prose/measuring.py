@@ -77,7 +77,7 @@ PROSE = (
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         (
-            "With 16 shots of each pattern, pictures are at most {} dB worse than with the true T in `wall` and",
+            "pictures after `multiplexed` are at most {} dB worse than with the true T in `wall` and",
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
         ("and {} dB in `corner`.", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
