@@ -219,16 +219,16 @@ def own_room() -> Figures:
         in_one_line(
             best=rf"possible pictures have {numbers} dB PSNR \(photograph\), {numbers} dB \(text\) and "
             rf"{numbers} dB \(gradient\)",
-            direct=rf"Direct mapping is {numbers} dB below",
-            step=rf"one step from T⁺ is within {numbers}",
-            ms=rf"one step from T⁺ is within [\d.]+ dB of the best, at {numbers} ms per frame",
+            direct=rf"Pictures by direct mapping are {numbers} dB below",
+            step=rf"one step from T⁺ are {numbers} dB below",
+            ms=rf"one step from T⁺ are [\d.]+ dB below the best, and take {numbers} ms per frame",
             first=rf"from the first {numbers} patterns of an acquisition makes pictures at most 1 dB worse",
             hierarchical=rf"{numbers} patterns of `hierarchical` makes pictures at most 0.1",
-            projector=rf"A projector of half the pixels per side makes pictures {numbers} dB worse",
-            camera=rf"a camera of half the pixels {numbers}",
+            projector=rf"Half as many projector pixels per side make pictures {numbers} dB worse",
+            camera=rf"half as many camera pixels per side {numbers}",
             drift=rf"A drift of half a projector pixel lowers PSNR by {numbers}",
-            film=rf"film after (\d+) steps is {numbers} dB below the best, and stills after (\d+) steps {numbers} dB",
-            film_of_map=rf"by a single step, film is {numbers} dB below the best, and stills {numbers} dB",
+            film=rf"film after (\d+) steps is {numbers} dB below the best, and stills after (\d+) steps are {numbers}",
+            film_of_map=rf"refinement from T⁺, film is {numbers} dB below the best, and stills are {numbers} dB",
         ),
         in_one_line(
             best=rf"can show is {numbers} dB \(photograph\), {numbers} dB \(text\), {numbers} dB \(gradient\)",

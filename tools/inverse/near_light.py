@@ -189,7 +189,7 @@ def invert_as_the_thesis(
     """T⁺ of chapter 5: T above the threshold τ (3.4.2), cut (4.2.2), energy fitted (4.2.3), plainly inverted (5.1).
 
     The energy adds up to the floodlit room, so light below the threshold is distributed over the rest of its row. Near,
-    blurred and far light form one T. Every lit camera pixel counts, without mask, weights or prior.
+    blurred and far light form one T. All camera pixels have the weight 1, without mask or prior.
 
     camera, projector : (height, width). The other arguments are as in `invert_near_light`.
     """

@@ -64,7 +64,7 @@ PROSE = (
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|glass|skull|two_planes"),),
         ),
         (
-            "With the true T, smooth pictures would be {} dB better in `folded_cards`, {} dB in `statuette` and "
+            "from one shot, smooth pictures would be {} dB better in `folded_cards`, {} dB in `statuette` and "
             "{} dB in `wall`.",
             lambda t: lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall"),
         ),
@@ -77,7 +77,7 @@ PROSE = (
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         (
-            "With 16 shots of each pattern, pictures are at most {} dB worse than with the true T in `wall` and",
+            "pictures after `multiplexed` are at most {} dB worse than with the true T in `wall` and",
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
         ("and {} dB in `corner`.", lambda t: lost(t, SMOOTH, CODED_MANY, "corner")),
@@ -107,15 +107,15 @@ PROSE = (
             lambda t: (largest(t, FINE, ONE),),
         ),
         (
-            "Smooth pictures are at most {} dB worse than with the true T, except in `wall`",
+            "one shot, smooth pictures are at most {} dB worse than with the true T, except in `wall`",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|two_planes"),),
         ),
         (
-            "In `wall`, the PSNR of smooth pictures is {} dB below the {} dB of the true T.",
+            "one shot, the PSNR of smooth pictures is {} dB below the {} dB that the true T gives.",
             lambda t: (*lost(t, SMOOTH, ONE, "wall"), *t(rf"wall .* {TRUTH}", SMOOTH)),
         ),
         (
-            "With 16 shots, pictures are at most {} dB worse in every room",
+            "pixels and 16 shots, pictures in every room are at most {} dB worse",
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
     ),
@@ -125,8 +125,8 @@ PROSE = (
         ("with a PSNR {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
         ("give the same quality, {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
         (
-            "Compared with `hierarchical`, nine pictures are {} dB worse, sixteen {} dB, 48 pictures {} dB, and 128 "
-            "pictures {} dB.",
+            "The PSNR is {} dB below `hierarchical` with nine pictures, {} dB with sixteen, {} dB with 48, and {} dB "
+            "with 128 pictures.",
             lambda t: short(t, "defocus", 9, 16, 48, 128),
         ),
     ),

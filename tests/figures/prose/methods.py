@@ -127,11 +127,11 @@ PROSE = (
         ACCURACY,
         ("and pictures are {} dB below the best. The whole", lambda t: near(t, "refined from direct, steps 4")),
         (
-            "four steps from direct mapping need {} MiB of maps",
+            "four steps of refinement from direct mapping need {} MiB of maps",
             lambda t: near(t, "refined from direct, steps 4", column=MIB),
         ),
         (
-            "The whole `T⁺` without a step needs {} MiB of maps, and pictures are {} dB below the best.",
+            "The whole `T⁺` without refinement needs {} MiB of maps, and pictures are {} dB below the best.",
             lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (MIB, BELOW)],
         ),
     ),
@@ -180,18 +180,20 @@ PROSE = (
             lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
         ),
         (
-            "instead of pixels, is {} dB better than triangulated",
+            "the thesis' T⁺ is only {} dB better than triangulated direct mapping",
             lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
         ),
         (
-            "is {} dB better than triangulated direct mapping. On the flat wall, T⁺ is {} dB better than triangulated "
-            "direct mapping.",
+            "is {} dB better than triangulated direct mapping on the relief, and {} dB better on the flat wall.",
             lambda t: [
                 t.one(rf"{wall} \| photo", TRIANGLES) - t.one(rf"{wall} \| photo", THESIS)
                 for wall in ("relief", "flat")
             ],
         ),
-        ("four steps end {} to {} dB below the best", lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4"))),
+        (
+            "pictures after four steps are {} to {} dB below the best",
+            lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4")),
+        ),
     ),
     said(
         "docs/hard_cases.md",
@@ -203,8 +205,8 @@ PROSE = (
             ),
         ),
         (
-            "by at most {} percentage points. After 4 steps, the error exceeds the box optimum's error by at most {} "
-            "percentage points.",
+            "by at most {} percentage points. After 4 steps of refinement, the error exceeds the box optimum's error "
+            "by at most {} percentage points.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
         ("`qr` amplifies noise by {} without a warning.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
@@ -223,7 +225,7 @@ PROSE = (
             lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
         ),
         (
-            "limits the amplification like the cut, but with an error of only {} %",
+            "limits the amplification as well as the cut does, but with an error of only {} %",
             lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),),
         ),
     ),

@@ -49,8 +49,8 @@ PROSE = (
         "docs/refinement.md",
         STILLS,
         (
-            "From the start `map`, eight steps end within {} dB of the optimum in every room, and sixteen steps within "
-            "{} dB.",
+            "From the start `map`, pictures in every room are within {} dB of the optimum after eight steps, and "
+            "within {} dB after sixteen steps.",
             lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
         ),
     ),

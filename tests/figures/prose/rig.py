@@ -63,7 +63,7 @@ PROSE = (
             lambda t: (max(t("home", "light outside (plain)")),),
         ),
         (
-            "Between 0 and 64 steps of refinement, more steps lower the PSNR by {} dB at most",
+            "From 0 to 64 steps of refinement, additional steps lower the PSNR by at most {} dB",
             lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),),
         ),
         (
@@ -76,7 +76,7 @@ PROSE = (
         "docs/rig.md",
         ALONE,
         (
-            "is again {} dB in `lamp` and {} dB in `daylight`, compared with {} dB in `quiet`",
+            "border to {} dB in `lamp` and {} dB in `daylight`; the PSNR in `quiet` is {} dB",
             lambda t: [
                 *(inside(t, "wall", fault, CHECKED) for fault in ("lamp", "daylight")),
                 inside(t, "wall", "quiet"),

@@ -128,7 +128,7 @@ PROSE = (
         "docs/viewpoints.md",
         VIEWS,
         (
-            "8 steps lost {} to {} dB",
+            "With a single view, *as played* is {} to {} dB below *solved between*",
             lambda t: ends(
                 [t.one(rf"^{n}: 1$", "… as played, 8 steps") - t.one(rf"^{n}: 1$", "solved between") for n in (1, 2, 3)]
             ),
@@ -174,7 +174,7 @@ PROSE = (
         tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
         2,
         (
-            "caustics are worth {} dB with a camera of 72x54 pixels and {} dB with 240x180 pixels",
+            "the worth of caustics is {} dB with a camera of 72x54 pixels and {} dB with 240x180 pixels",
             "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
         ),
     ),
