@@ -38,14 +38,12 @@ class Record:
     """The evidence of a capture; `held` captures are not fitted.
 
     still : least changes of gains and of ambient light that rounded code values allow to see.
-    applied : the θ that the player had.
     """
 
     time_s: float
     evidence: Evidence
     held: bool
     still: tuple[float, float]
-    applied: FloatArray
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,9 @@ class Found:
     unsure : (n,). Standard deviation of each component.
     known : share of the geometry's directions that the captures determine, per projector.
     better : improvement of the held-back captures over the applied θ.
-    camera : how much better a movement of the camera explains the held-back captures than movements of the
-        projectors; None if no camera has moved.
+    camera : how much a movement of the wall's texture, and thus of a camera, improves the prediction of the held-back
+        captures; 0 if the texture has not moved.
+    texture : whether the captures determine a movement of the texture.
     which : number of the camera that has moved most, from 0.
     """
 
@@ -65,7 +64,8 @@ class Found:
     unsure: FloatArray
     known: tuple[float, ...]
     better: float
-    camera: float | None
+    camera: float
+    texture: bool
     which: int
 
 
@@ -91,7 +91,7 @@ class Estimate:
         held = self._count % HOLD_BACK == 0
         error, bright = COARSE * compared.coarse, max(compared.brightness, 1e-3)
         still = max(STILL_LIGHT, error / bright), max(STILL_AMBIENT, error * min(1.0, DIM / bright))
-        self._records.append(Record(time_s, compared.evidence.scaled(share), held, still, self.applied))
+        self._records.append(Record(time_s, compared.evidence.scaled(share), held, still))
         while self._records[0].time_s < time_s - WINDOWS_S[0]:
             self._records.popleft()
 
@@ -101,11 +101,6 @@ class Estimate:
         if now_s > self._settled_s and not np.array_equal(theta, self.applied):
             self._settled_s = now_s + SETTLE_S
         self.applied = theta
-
-    def revert(self, theta: FloatArray) -> None:
-        """Take note that the player returns to an earlier θ, because the camera has changed."""
-        self.applied = theta
-        self._records = deque(replace(record, applied=theta) for record in self._records)
 
     def restart(self, theta: FloatArray) -> None:
         """Forget all captures, and continue from θ after a jump."""
@@ -135,7 +130,7 @@ class Estimate:
         unsure = np.sqrt(1 / np.maximum(np.diag(evidence.H), 1e-12))
         known = tuple(self._known(evidence, places) for places in self._geometries())
         better = held.cost(self.applied) - held.cost(kept)
-        return Found(kept, unsure, known, better, *self._camera(evidence, held))
+        return Found(kept, unsure, known, better, *self._camera(evidence, held, theta))
 
     def _drifting(self, records: list[Record]) -> list[Record]:
         """Return the captures as if taken now, corrected by the steady drift of all pictures that fits best.
@@ -186,9 +181,9 @@ class Estimate:
                 kept = near
         return kept
 
-    def _solved(self, evidence: Evidence, free: NDArray[np.int64], start: FloatArray | None = None) -> FloatArray:
-        """Minimise the cost over the determined directions of the free unknowns, from `start` or the applied θ."""
-        theta = (self.applied if start is None else start).copy()
+    def _solved(self, evidence: Evidence, free: NDArray[np.int64]) -> FloatArray:
+        """Minimise the cost over the determined directions of the free unknowns, from the applied θ."""
+        theta = self.applied.copy()
         values, vectors = self._directions(evidence, free)
         units = self._units[np.ix_(free, free)]
         gradient = units.T @ (evidence.b - evidence.H @ theta)[free]
@@ -205,20 +200,12 @@ class Estimate:
     def _known(self, evidence: Evidence, places: NDArray[np.int64]) -> float:
         return float(np.mean(self._directions(evidence, places)[0] > 1))
 
-    def _camera(self, evidence: Evidence, held: Evidence) -> tuple[float | None, int]:
-        """Return `Found.camera` and `Found.which`.
-
-        Both movements begin where the projectors were before the captures, because a correction may have been wrong.
-        """
-        start, places = self.applied.copy(), self.layout.all_geometry
-        start[places] = self._records[0].applied[places]
-        light = np.concatenate([self.layout.all_gains, self.layout.ambient])
-        geometry, camera = (
-            self._solved(evidence, np.concatenate([some, light]), start) for some in (places, self.layout.camera)
-        )
-        moves = np.abs(camera[self.layout.camera]).reshape(self.layout.cameras, -1).max(axis=1)
-        better = held.cost(geometry) - held.cost(camera) if moves.max() >= CAMERA_MOVED else None
-        return better, int(moves.argmax())
+    def _camera(self, evidence: Evidence, held: Evidence, theta: FloatArray) -> tuple[float, bool, int]:
+        """Return `Found.camera`, `Found.texture` and `Found.which`; θ is the best without a movement of the texture."""
+        found, places = self._solved(evidence, np.arange(self.layout.size)), self.layout.camera
+        moves = np.abs(found[places]).reshape(self.layout.cameras, -1).max(axis=1)
+        better = held.cost(theta) - held.cost(found) if moves.max() >= CAMERA_MOVED else 0.0
+        return better, self._known(evidence, places) == 1, int(moves.argmax())
 
     def _sum(self, records: list[Record], *, held: bool) -> Evidence:
         chosen = (record.evidence for record in records if record.held is held)

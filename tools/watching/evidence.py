@@ -1,7 +1,7 @@
 """The evidence of one capture for changes of the room: a quadratic cost of θ around the present estimate.
 
 θ holds, per projector, a homography in eight numbers and the light of each channel; a smooth field of ambient light;
-and a movement per camera, which is never corrected, only distinguished from a movement of the projector. The
+and a movement of the wall's texture per camera, which tells a moved camera from a moved projector. The
 residual of a block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the
 near light of T. Weights fall to zero for large residuals (Geman and McClure 1987) and for connected regions of them:
 people, shadows, a hand.
@@ -193,8 +193,8 @@ class Comparison:
             (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2 + late**2
         )[used]
         residual = ((measured - predicted)[used]) / sigma
-        camera = self._camera(predicted)
-        columns = [self._columns(channel, moves, lights, theta, camera) for channel in range(CHANNELS)]
+        texture = self._texture(predicted)
+        columns = [self._columns(channel, moves, lights, theta, texture) for channel in range(CHANNELS)]
         J = [each[used] / sigma[:, channel, None] for channel, (_, each) in enumerate(columns)]
         unexplained = self._unexplained(residual, J, [places for places, _ in columns], unclipped[used])
         scale, weights, outliers = self._weights(unexplained, unclipped[used])
@@ -229,7 +229,7 @@ class Comparison:
         """
         layout = self.layout
         even = np.zeros((layout.size, layout.size))
-        kept = np.concatenate([layout.all_geometry, layout.all_gains])
+        kept = np.concatenate([layout.all_geometry, layout.all_gains, layout.camera])
         even[kept, kept] = 1
         for cells in layout.ambient.reshape(CHANNELS, layout.field):
             even[cells, cells[0]] = 1
@@ -283,7 +283,7 @@ class Comparison:
         return found
 
     def _columns(
-        self, channel: int, moves: list[FloatArray], lights: list[FloatArray], theta: FloatArray, camera: FloatArray
+        self, channel: int, moves: list[FloatArray], lights: list[FloatArray], theta: FloatArray, texture: FloatArray
     ) -> tuple[NDArray[np.int64], FloatArray]:
         """Return the unknowns that one channel depends on, and the derivative of its blocks by them, (blocks, n)."""
         layout = self.layout
@@ -294,7 +294,7 @@ class Comparison:
             columns += [each[channel], (light[:, channel] / (1 + theta[gain]))[:, None]]
         field = layout.ambient.reshape(CHANNELS, layout.field)[channel]
         places += [field, layout.camera]
-        columns += [self._lit[:, :, channel], camera[channel]]
+        columns += [self._lit[:, :, channel], texture[channel]]
         return np.concatenate(places), np.concatenate(columns, axis=1)
 
     def _only(self, landed: FloatArray, box: Region) -> FloatArray:
@@ -303,19 +303,16 @@ class Comparison:
         alone[box.part] = landed[box.part]
         return alone
 
-    def _camera(self, predicted: FloatArray) -> FloatArray:
-        """Return the derivative by a shift and a turn of each camera, (channels, blocks, cameras · 3), per pixel.
+    def _texture(self, predicted: FloatArray) -> FloatArray:
+        """Return the derivative by a shift and a turn of the texture, per pixel: (channels, blocks, cameras · 3).
 
-        The light is (F + e) I, with the floodlit room F, whose texture moves, and the smooth rest I.
+        If a camera moves, the texture moves in its captures. The picture on the wall moves, too, but its movement is
+        left to the homographies of the projectors.
         """
         view, (rows, columns) = self._view, self._view.shape
         floodlit = view.flood + view.ambient
         share = np.where(floodlit > 0, predicted / np.maximum(floodlit, 1e-12), 0)
-        smooth = np.gradient(share.reshape(rows, columns, CHANNELS), axis=(1, 0))
-        right, down = (
-            share * slope + floodlit * change.reshape(-1, CHANNELS) / view.blocks.side
-            for slope, change in zip(view.slopes, smooth, strict=True)
-        )
+        right, down = (share * slope for slope in view.slopes)
         y, x = (np.mgrid[:rows, :columns] + 0.5 - np.array([rows, columns])[:, None, None] / 2) / max(rows, columns) * 2
         turn = down * x.reshape(-1, 1) - right * y.reshape(-1, 1)
         moves = np.stack([right, down, turn], axis=-1).transpose(1, 0, 2)

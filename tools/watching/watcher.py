@@ -61,7 +61,6 @@ GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
 BACK_S = WINDOWS_S[0]  # if a camera has moved or changed, the corrections of this many last seconds are reverted
-UNCLEAR = 0.1  # share of the improvement; if a moved camera explains that much less, no camera has moved
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
 # share of outliers that starts the search of a jump; steps of the search in pixels
@@ -187,7 +186,7 @@ class Watcher:
         if state in ("camera moved", "camera changed"):
             if self._history:
                 self._applied, self._gains = self._history[0]  # from before the camera changed
-                estimate.revert(self._applied)
+                estimate.applied = self._applied
                 self._number += 1
                 self._history.clear()
             self._learning.restart(self._gains)
@@ -327,10 +326,10 @@ class Watcher:
         return self._state_of(self._found, now_s)
 
     def _state_of(self, found: Found, now_s: float) -> tuple[str, str]:
-        if found.camera is not None and found.camera > WORTH:
+        beyond = self._beyond(found.theta)
+        if found.camera > WORTH and (beyond is None or beyond[0] != "camera changed"):
             name = _named("camera", found.which, self._view.cameras)
             return "camera moved", f"{name} has moved: put it back, or acquire again"
-        beyond = self._beyond(found.theta)
         if beyond is not None:
             return beyond
         if np.array_equal(found.theta, self._estimate.applied):
@@ -342,7 +341,7 @@ class Watcher:
             return "holding", "a correction would not predict other captures better"
         places = self._comparison.layout.all_geometry
         moves = np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX
-        unclear = moves and found.camera is not None and found.camera > -max(WORTH, UNCLEAR * found.better)
+        unclear = moves and not found.texture
         self._unclear_s = min(self._unclear_s, now_s) if unclear else np.inf
         if now_s - self._unclear_s < UNCLEAR_S and unclear:
             return "holding", "it is unclear whether the camera or a projector has moved"
