@@ -20,7 +20,7 @@ from tests.rig.animation import MOMENTS, animate
 from tests.rig.coverage import coverage
 from tests.rig.faults import DEFAULT, FAULTS, QUICK, Fault
 from tests.rig.films import FILMS
-from tests.rig.live import EVENTS, HEADS, judged, live, row_of
+from tests.rig.live import EVENTS, HEADS, frame_times, judged, live, row_of
 from tests.rig.rooms import ROOMS, Room
 from tests.rig.table import aligned, markdown, text_of_csv
 from tests.rig.trial import Verdict, trial
@@ -81,12 +81,13 @@ def _live(options: argparse.Namespace) -> None:
                     times = {"warm_s": options.warm, "after_s": after_s}
                     camera = WatchCamera(period_s=1 / options.captures)
                     scale = options.scale or LIVE_SCALE
-                    show = live(folder, room, film, event, scale=scale, camera=camera, **times)
+                    show = live(folder, room, film, event, scale=scale, camera=camera, watch=options.watch, **times)
                     if options.animation:
                         animate(show, options.animation)
                     else:
                         for moment in judged(show):
                             print(row_of(EVENTS[event].says, film, moment), flush=True)
+                        print(frame_times(show), file=sys.stderr, flush=True)
 
 
 def _sharing(faults: Sequence[Fault]) -> list[list[Fault]]:
@@ -128,6 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--animation", type=Path, metavar="FILE.webp", help="draw these moments instead of judging them"
     )
+    parser.add_argument("--no-watch", dest="watch", action="store_false", help="play without a watcher, for --live")
     parser.add_argument("--captures", type=float, default=5.0, metavar="N", help="captures per second, for --live (5)")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write sheets of the audience's view here")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep rooms, patterns and captures here")

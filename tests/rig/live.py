@@ -5,6 +5,7 @@ captures are files that the watcher reads as soon as they appear. The judge look
 `verify` would give is computed after the show, for the state of the room at each judged moment.
 """
 
+import json
 import threading
 import time
 from bisect import bisect_right
@@ -21,6 +22,7 @@ from Xlib import X
 from Xlib.display import Display
 
 from tests.desktop import ON_THE_PROCESSOR
+from tests.programs import PATIENCE_S
 from tests.remote import Client, show
 from tests.rig import product
 from tests.rig.asked import Question
@@ -37,6 +39,7 @@ from tests.screens import one_screen
 
 LOOK_S = 0.008  # seconds between two looks at the screen
 KEPT_S = 2.0  # seconds for which displayed frames are kept
+STATS = "stats.json"
 CAPTURES = 4  # files that stay in the folder
 DRAWN = "--refine", "2", "--refine-from", "map", "--dither", "none"  # a frame does not depend on the frame before
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
@@ -213,8 +216,12 @@ def live(
     warm_s: float,
     after_s: Sequence[float],
     camera: WatchCamera,
+    watch: bool = True,
 ) -> Show:
-    """Play a film in a room, let an event happen after `warm_s`, and read the screen at times after the event."""
+    """Play a film in a room, let an event happen after `warm_s`, and read the screen at times after the event.
+
+    watch : whether the player has a watcher. The camera takes captures in any case.
+    """
     event, made = EVENTS[event_name], ROOMS[room](scale)
     rig = Rig(made, FAULTS["known"].devices)
     place = folder / f"{room}-{scale:g}"
@@ -238,7 +245,7 @@ def live(
     captures = place / "captures"
     captures.mkdir(exist_ok=True)
     (place / "show.socket").unlink(missing_ok=True)  # left by a player that was killed
-    seen = tuple(_played(place, path, rig, watched, event, camera, began, white, warm_s, after_s))
+    seen = tuple(_played(place, path, rig, watched, event, camera, began, white, warm_s, after_s, watch))
     return Show(place, rig, watched, film, white, began[0], seen)
 
 
@@ -257,17 +264,19 @@ def _played(
     white: float,
     warm_s: float,
     after_s: Sequence[float],
+    watch: bool,
 ) -> Iterator[Seen]:
     """Play, and yield what the screen shows at each of the times."""
     height, width = rig.raster
     folder = place / "captures"
     words = "--loop", "--osd", "off", "--white", white, *DRAWN, "--fullscreen"
-    words = *words, "--heartbeat", place / "heartbeat", "--watch", f"folder:{folder}"
+    words = *words, "--heartbeat", place / "heartbeat", "--stats", place / STATS
+    words = *words, *(("--watch", f"folder:{folder}") if watch else ())
     with (
         one_screen(place, (width, height)) as display,
         closing(Screen(display, (width, height))) as screen,
         closing(LiveCamera(watched, camera, event, screen, folder)) as eye,
-        show(display, place, place / "room", path, *words, how=ON_THE_PROCESSOR) as (_, client),
+        show(display, place, place / "room", path, *words, how=ON_THE_PROCESSOR) as (player, client),
     ):
         time.sleep(warm_s)
         began[0] = eye.began_s = time.monotonic()
@@ -278,6 +287,8 @@ def _played(
             before_s = client.get("time-pos")
             frame = screen.since(time.monotonic())[-1]
             yield Seen(time.monotonic() - began[0], frame.codes, before_s, _state(client))
+        client.ask("quit")
+        player.wait(PATIENCE_S)
 
 
 def _state(client: Client) -> dict[str, Any]:
@@ -354,6 +365,17 @@ HEADS = (
     "gain",
     "added light",
 )
+
+
+def frame_times(show: Show) -> str:
+    """Returns the frames and their times, from the player's statistics."""
+    stats = json.loads((show.place / STATS).read_text())
+    counted = f"{stats['frames']} frames shown, {stats['dropped']} dropped"
+    times = (
+        f"{what} {stats[name]['median']:.1f} ms (median), {stats[name]['p95']:.1f} ms (95 % of the frames)"
+        for what, name in (("drawing", "gpu_ms"), ("lateness", "late_ms"))
+    )
+    return "; ".join((counted, *times))
 
 
 def row_of(event: str, film: str, moment: Moment) -> str:
