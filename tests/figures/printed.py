@@ -130,7 +130,7 @@ def in_blocks(size: str, minutes: float) -> Figures:
         at_size("two_planes", size),
         minutes,
         in_one_line(
-            entries=r"([\d,]+) entries per channel to ([\d,]+) near and ([\d,]+) blurred entries",
+            entries=r"([\d,]+) entries per channel by ([\d,]+) near and ([\d,]+) blurred entries",
             simulated=rf"--projector {size}` takes (\d+) s of processor time",
             soft=r"\(letters\) and ([\d.]+) dB \(soft\)",
             **losses,

@@ -84,7 +84,7 @@ PROSE = (
                 t, *(f"refined from {way}" for way in ("T⁺, cut, steps 4", "direct, steps 4", "T⁺, steps 16"))
             ),
         ),
-        ("the {} dB that remain after 64 steps", lambda t: near(t, "refined from T⁺, steps 64")),
+        ("64 steps from T⁺, pictures stay {} dB below the best", lambda t: near(t, "refined from T⁺, steps 64")),
     ),
     counted(
         "docs/accuracy.md",
