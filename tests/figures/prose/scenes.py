@@ -146,7 +146,8 @@ PROSE = (
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
         ),
         (
-            "has a median error of {} pixels (95th percentile: {}) on the wall, and of {} pixels (95th percentile: {})",
+            "has a median error of {} pixels (95th percentile: {}) on the wall. With the bust, the median error is {} "
+            "pixels (95th percentile: {})",
             "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
             "95 %: {})",
         ),
@@ -165,7 +166,7 @@ PROSE = (
         "docs/simulation.md",
         WORTH,
         (
-            "without the effects in *off*, for the worst of four pictures: at most {} dB",
+            "the worst of four pictures has the error in the column *off by*: at most {} dB",
             lambda t: (max(t(".", "off by, dB")),),
         ),
     ),
