@@ -49,7 +49,7 @@ PROSE = (
         "docs/refinement.md",
         STILLS,
         (
-            "From the start `map`, pictures in every room are within {} dB of the optimum after eight steps, and "
+            "With the start `map`, pictures in every room are within {} dB of the optimum after eight steps, and "
             "within {} dB after sixteen steps.",
             lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
         ),

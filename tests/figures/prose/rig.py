@@ -100,7 +100,7 @@ PROSE = (
             by_drift,
         ),
         (
-            "from {} to {} dB on the wall and from {} to {} dB in the corner. The corrected drift lowers PSNR "
+            "from {} to {} dB on the wall and from {} to {} dB in the corner. PSNR falls "
             "from {} to {} dB on the wall behind glass and from {} to {} dB in the room out of focus.",
             lambda t: [each for room in ROOMS for each in checked(t, room)],
         ),

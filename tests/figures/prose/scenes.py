@@ -169,7 +169,7 @@ PROSE = (
         "docs/simulation.md",
         WORTH,
         (
-            "without the effects in *off*, for the worst of four pictures: at most {} dB",
+            "the worst of four pictures has the error in the column *off by*: at most {} dB",
             lambda t: (max(t(".", "off by, dB")),),
         ),
     ),
