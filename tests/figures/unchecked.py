@@ -17,7 +17,7 @@ UNCHECKED = (  # page, beginning of a table's header, reason
 )
 SENTENCES = (  # page, words of prose, reason
     ("docs/player.md", "frames were at most 56 ms late", TIMES),
-    ("docs/cameras.md", "Positions on the screen are right to a twentieth", TESTED),
+    ("docs/cameras.md", "positions on the screen have a median error of a twentieth", TESTED),
     ("docs/displays.md", "a stripe of 4 % of white becomes", TESTED),
     ("docs/drift.md", "measures shifts of up to 11 pixels to within 0.02", TESTED),
     ("docs/drift.md", "a movement by (0.8, −0.5) pixels to within 0.1 pixels", TESTED),
