@@ -63,7 +63,7 @@ PROSE = (
             lambda t: (max(t("home", "light outside (plain)")),),
         ),
         (
-            "From 0 to 64 steps of refinement, additional steps lower the PSNR by at most {} dB",
+            "Between 0 and 64 steps of refinement, additional steps lower the PSNR by at most {} dB",
             lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN),),
         ),
         (
@@ -76,18 +76,18 @@ PROSE = (
         "docs/rig.md",
         ALONE,
         (
-            "border to {} dB in `lamp` and {} dB in `daylight`; the PSNR in `quiet` is {} dB",
+            "border to {} dB in `lamp` and {} dB in `daylight`. The PSNR in `quiet` is {} dB",
             lambda t: [
                 *(inside(t, "wall", fault, CHECKED) for fault in ("lamp", "daylight")),
                 inside(t, "wall", "quiet"),
             ],
         ),
         (
-            "treated as sRGB, pictures are {} dB worse than with the true response (`believed`)",
+            "Pictures in `believed` are {} dB worse than with the true response",
             lambda t: (inside(t, "wall", "quiet") - inside(t, "wall", "believed"),),
         ),
         (
-            "PSNR falls by {} dB if the lamp fades to nine tenths, and by {} dB if the room's light triples.",
+            "fades to nine tenths lowers PSNR by {} dB. Tripled light in the room lowers PSNR by {} dB.",
             lambda t: [inside(t, "wall", "quiet") - inside(t, "wall", fault) for fault in ("lamp", "daylight")],
         ),
     ),
@@ -100,8 +100,8 @@ PROSE = (
             by_drift,
         ),
         (
-            "from {} to {} dB on the wall and from {} to {} dB in the corner. PSNR falls "
-            "from {} to {} dB on the wall behind glass and from {} to {} dB in the room out of focus.",
+            "On the wall, PSNR falls from {} to {} dB. In the corner, PSNR falls from {} to {} dB. On the wall behind "
+            "glass, PSNR falls from {} to {} dB. In the room out of focus, PSNR falls from {} to {} dB.",
             lambda t: [each for room in ROOMS for each in checked(t, room)],
         ),
     ),

@@ -101,7 +101,7 @@ PROSE = (
         "docs/colour.md",
         COLOUR,
         (
-            "gains {} dB on the wall and {} dB in the corner",
+            "`pixel` gains {} dB on the wall and {} dB in the corner",
             lambda t: [by_pixel(t, room) for room in ("wall", "corner")],
         ),
     ),
