@@ -58,7 +58,7 @@ PROSE = (
         "docs/tables/refinement.md",
         STILLS,
         (
-            "which cause the {} to {} dB that remain after 64 steps",
+            "the weights and priors still cost {} to {} dB",
             lambda t: ends(t(r": map$", "64 steps")),
         ),
     ),
@@ -78,7 +78,7 @@ PROSE = (
     said(
         "docs/tables/refinement.md",
         STILLS,
-        ("placing and encoding, about {} ms", lambda t: (mean(t(": direct$", "before a step, ms")),)),
+        ("includes about {} ms for decoding, placing and encoding", lambda t: (mean(t(": direct$", "before a step, ms")),)),
     ),
     counted("docs/refinement.md", STILLS, held, ("T⁺ has {} to {} times the entries of T", denser)),
     told(
