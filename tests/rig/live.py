@@ -147,7 +147,7 @@ class LiveCamera:
     """A thread that photographs the screen in the room, and leaves the captures in a folder."""
 
     def __init__(self, room: WatchedRoom, camera: WatchCamera, event: Event, screen: Screen, folder: Path) -> None:
-        self.room, self._camera, self._event, self._screen, self._folder = room, camera, event, screen, folder
+        self._room, self._camera, self._event, self._screen, self._folder = room, camera, event, screen, folder
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.began_s = float("inf")  # start of the event, time.monotonic
@@ -164,7 +164,7 @@ class LiveCamera:
             camera, happens = self._camera, due_s >= self.began_s
             frames = self._screen.since(due_s - camera.exposure_s - camera.rolling_s)
             if frames and not (happens and self._event.unplugged):
-                arrival_s, codes = self.room.capture(due_s, frames)
+                arrival_s, codes = self._room.capture(due_s, frames)
                 if not (happens and self._event.frozen and content):
                     content = cv2.imencode(".png", codes[..., ::-1], (cv2.IMWRITE_PNG_COMPRESSION, 0))[1].tobytes()
                 self._over.wait(max(arrival_s - time.monotonic(), 0.0))
@@ -240,7 +240,8 @@ def live(
         return event.changed(rig.devices, time_s - began[0])
 
     watched = WatchedRoom(rig, camera, devices, lambda time_s: event.person(time_s - began[0], rig.camera))
-    for later_s in np.arange(0, max(after_s) + 1, 1.0):  # a changed room takes seconds to compute
+    soon_s = np.arange(0, 2, 0.1)
+    for later_s in (*soon_s, *np.arange(2, max(after_s) + 1, 1.0)):  # a changed room takes seconds to compute
         watched.rig_at(origin + later_s).seen_by_camera(np.zeros((*rig.raster, 3), np.uint8))
     captures = place / "captures"
     captures.mkdir(exist_ok=True)
@@ -281,7 +282,7 @@ def _played(
         time.sleep(warm_s)
         began[0] = eye.began_s = time.monotonic()
         if event.automatic:
-            eye.room = WatchedRoom(rig, replace(camera, automatic=True), lambda _: rig.devices)
+            watched.camera = replace(camera, automatic=True)
         for later_s in after_s:
             time.sleep(max(began[0] + later_s - time.monotonic(), 0.0))
             before_s = client.get("time-pos")

@@ -49,9 +49,9 @@ def since(change_s: float, **changes: Any) -> Callable[[Devices, float], Devices
 
 
 def door(before: Devices, time_s: float) -> Devices:
-    """Triples the room's light within two seconds. Steps of the light are rounded, so that few rigs are made."""
-    opened = min(max(time_s / 2, 0.0), 1.0)
-    return replace(before, room_light=round(before.room_light * (1 + 2 * opened), 4))
+    """Triples the room's light within two seconds, in eight steps, so that few rigs are made."""
+    opened = round(8 * min(max(time_s / 2, 0.0), 1.0)) / 8
+    return replace(before, room_light=before.room_light * (1 + 2 * opened))
 
 
 def crossing(time_s: float, view: tuple[int, int], *, light: float, top: float = 0.0) -> FloatArray:
@@ -89,6 +89,7 @@ def standing(time_s: float, view: tuple[int, int]) -> FloatArray | None:
 class WatchedRoom:
     """A rig that changes during a film.
 
+    camera : may be replaced during the film.
     devices : the devices at a time.
     person : the share of light that reaches the camera's pixels at a time, (camera height, camera width) or one per
         channel, if any.
@@ -101,7 +102,7 @@ class WatchedRoom:
         devices: Callable[[float], Devices],
         person: Callable[[float], FloatArray | None] = lambda time_s: None,
     ) -> None:
-        self._rig, self._camera, self._devices, self._person = rig, camera, devices, person
+        self._rig, self.camera, self._devices, self._person = rig, camera, devices, person
         self._rng = np.random.default_rng(camera.seed)
         self._rigs: dict[Any, Rig] = {}
         self._automatic = 1.0
@@ -111,7 +112,7 @@ class WatchedRoom:
 
         frames : in order of time; the last frame stays on the screen.
         """
-        camera, rig = self._camera, self.rig_at(time_s)
+        camera, rig = self.camera, self.rig_at(time_s)
         height = rig.camera[0]
         last = time_s - camera.rolling_s * (1 - (np.arange(height) + 0.5) / height)
         light = np.zeros((*rig.camera, 3))

@@ -78,7 +78,10 @@ PROSE = (
     said(
         "docs/tables/refinement.md",
         STILLS,
-        ("includes about {} ms for decoding, placing and encoding", lambda t: (mean(t(": direct$", "before a step, ms")),)),
+        (
+            "includes about {} ms for decoding, placing and encoding",
+            lambda t: (mean(t(": direct$", "before a step, ms")),),
+        ),
     ),
     counted("docs/refinement.md", STILLS, held, ("T⁺ has {} to {} times the entries of T", denser)),
     told(
