@@ -23,7 +23,6 @@ SENTENCES = (  # page, words of prose, reason
     ("docs/drift.md", "a movement by (0.8, −0.5) pixels to within 0.1 pixels", TESTED),
     ("docs/acquisition.md", "at most 0.3 % of white for a projector with a gamma or sRGB", TESTED),
     ("docs/colour.md", "(on even paint) and `pixel` are within 0.05 dB", TESTED),
-    ("docs/hard_cases.md", "noise of a share s in T changes the clamped drive by less than 0.7 s", TESTED),
     ("docs/hdr.md", "Measured DLP projector", OUTSIDE),
     ("docs/in_step.md", "with three players on 2 cores", TESTED),
     ("docs/reliability.md", "an hour with 20 clients", "hours: make fuzz, with the seeds of the page"),

@@ -210,7 +210,6 @@ PROSE = (
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
         ("`qr` amplifies noise by {} without a warning.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
-        ("the map already amplifies noise {} times", lambda t: (t.one("weights", "map, auto", 1),)),
         ("Noise is amplified at most {} times by 64 steps", lambda t: (max(t(": (?!weights)", "64 steps", 1)),)),
     ),
     said(
