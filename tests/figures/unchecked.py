@@ -26,11 +26,9 @@ SENTENCES = (  # page, words of prose, reason
     ("docs/hdr.md", "Measured DLP projector", OUTSIDE),
     ("docs/in_step.md", "with three players on 2 cores", TESTED),
     ("docs/reliability.md", "an hour with 20 clients", "hours: make fuzz, with the seeds of the page"),
-    ("docs/size.md", "1 of 305 encodings", "hundreds of encodings, by chance"),
     ("docs/size.md", "at 1920x1080 takes 43 s", LARGE),
     ("docs/size.md", "581.7 million entries became 34.9", LARGE),
     ("docs/size.md", "14.8 s of wall time in one process", ONCE),
     ("docs/size.md", "A local cluster takes 2 s to start", ONCE),
-    ("docs/size.md", "the command itself takes 7.1 s of processor time", ONCE),
     ("docs/ways.md", "differs from the true share by at most 8 %", TESTED),
 )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import starmap
 from operator import sub
 
-from tests.figures.claims import Table, ends, said, tabled, told
+from tests.figures.claims import Table, ends, said, tabled
 
 HEAD = "room | camera, projector | scheme"
 SMALL, LARGE = (tabled("docs/tables/schemes.md", HEAD, f"--camera {camera}") for camera in ("96x72", "256x192"))
@@ -42,15 +42,6 @@ def short(t: Table, room: str, *counts: int) -> list[float]:
 
 
 PROSE = (
-    told(
-        "docs/size.md",
-        ("python -m tests.bench --only picture",),
-        1,
-        (
-            "evaluating a capture of 1920x1080 pixels takes {} s of processor time",
-            "third: ...s, processor {} s",
-        ),
-    ),
     said(
         "docs/schemes.md",
         SMALL,
