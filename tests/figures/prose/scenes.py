@@ -20,7 +20,6 @@ WAY = (
     "x {} to {}, y {} to {} and {} more: {} % of the view cannot be compensated because {} % of its light bounced "
     "off other surfaces (red / green / blue {} / {} / {} %)"
 )
-SMALL = "glass", "skull"
 GREY = "grey off: first camera's part, both's, second's"
 
 
@@ -169,26 +168,9 @@ PROSE = (
         "docs/simulation.md",
         WORTH,
         (
-            "the worst of four pictures has the error in the column *off by*: at most {} dB",
+            "This error is at most {} dB",
             lambda t: (max(t(".", "off by, dB")),),
         ),
-    ),
-    told(
-        "docs/simulation.md",
-        tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
-        2,
-        (
-            "the worth of caustics is {} dB with a camera of 72x54 pixels and {} dB with 240x180 pixels",
-            "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
-        ),
-    ),
-    told(
-        "docs/simulation.md",
-        tuple(
-            f"counterlight simulate {name} --explain --camera 96x72 --projector 96x72" for name in ("glass", "skull")
-        ),
-        1,
-        ("`glass` and `skull` take {} and {} seconds", "together {} ...together {} "),
     ),
     said(
         "docs/mathematics.md",
