@@ -59,14 +59,14 @@ PROSE = (
         "docs/decomposition.md",
         DECOMPOSED,
         (
-            "clusters of up to 1000 pixels makes pictures {} to {} dB worse, and a cut to 50 pixels {} to {} dB.",
+            "clusters of up to 1000 pixels makes pictures {} to {} dB worse. In focus, a cut to clusters of up to 50 "
+            "pixels makes pictures {} to {} dB worse.",
             lambda t: (*ends(cut(t, "wall|corner", 1000)), *ends(cut(t, "wall|corner", 50))),
         ),
         (
-            "the inverse needs, and makes the photograph and the letters {} to {} dB worse",
+            "the cut makes the photograph and the letters {} to {} dB worse",
             lambda t: ends([t.one("focus .*any", p) - t.one("focus .*1000", p) for p in PICTURES[:2]]),
         ),
-        ("out of focus falls into clusters of at most {} pixels.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
     ),
     said(
         "docs/decomposition.md",
@@ -84,12 +84,16 @@ PROSE = (
             lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
         ),
         (
-            "keeps {} to {} % of all light in `folded_cards`",
+            "this cut keeps {} to {} % of all light",
             lambda t: ends(t(r"\| all, 0.1$", "light kept")),
         ),
-        ("The largest cluster has up to {} pixels", lambda t: (max(t(r"\| all, 0.1$", "largest")),)),
         (
-            "{} to {} dB below the best if the inverse drops small singular values, and {} to {} dB otherwise",
+            "leaves larger clusters, of up to {} pixels in `folded_cards`",
+            lambda t: (max(t(r"\| all, 0.1$", "largest")),),
+        ),
+        (
+            "If the inverse drops small singular values, a photograph is {} to {} dB below the best. If the inverse "
+            "uses all singular values, a photograph is {} to {} dB below the best.",
             lambda t: (
                 *ends([n for share in SHARES for n in t(r"\| all, 0.1$", share)]),
                 *ends(t(r"\| all, 0.1$", ALL_RANKS)),
@@ -107,7 +111,10 @@ PROSE = (
     said(
         "docs/content.md",
         ADAPTED,
-        ("`adapt` raises the PSNR relative to the adapted target by up to {} dB", lambda t: (max(off(t, "1 %", ASKED)),)),
+        (
+            "`adapt` raises the PSNR relative to the adapted target by up to {} dB",
+            lambda t: (max(off(t, "1 %", ASKED)),),
+        ),
         (
             "lowers the PSNR relative to the original picture by {} to {} dB",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
