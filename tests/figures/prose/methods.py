@@ -73,13 +73,16 @@ PROSE = (
         ("*triangulated*) comes within {} dB of the best.", lambda t: near(t, "direct, triangulated")),
         ("In `corner`, direct mapping is {} dB below the best", lambda t: near(t, "direct", column=WORST)),
         ("in `statuette` and {} dB in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
-        ("together give pictures {} dB below the best on average", lambda t: near(t, "T⁺, cut, max-cluster 200")),
         (
-            "below the best on average, and {} dB in the worst room",
+            "with at most 200 pixels gives pictures {} dB below the best on average",
+            lambda t: near(t, "T⁺, cut, max-cluster 200"),
+        ),
+        (
+            "In the worst room, pictures with damping are {} dB below the best.",
             lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST),
         ),
         (
-            "pictures after four steps are {} to {} dB below the best, and after sixteen steps {} dB.",
+            "pictures after four steps are {} to {} dB below the best. Pictures after sixteen steps are {} dB below",
             lambda t: near(
                 t, *(f"refined from {way}" for way in ("T⁺, cut, steps 4", "direct, steps 4", "T⁺, steps 16"))
             ),
@@ -102,9 +105,9 @@ PROSE = (
             "Pictures by the thesis' method are {} dB below the best in `statuette`",
             lambda t: (mean(of_room(t, "statuette", THESIS)),),
         ),
-        ("instead of half a code value, the map is {} to {} % smaller", left_out),
+        ("instead of the default 0.5, the map is {} to {} % smaller", left_out),
         (
-            "smaller and pictures are at most {} dB worse",
+            "With `--max-error 2`, pictures are at most {} dB worse",
             lambda t: (max(worse(t, "T⁺, max-error 2", than="T⁺, max-error 0.5")),),
         ),
     ),
