@@ -69,7 +69,7 @@ PROSE = (
         ("In `corner`, direct mapping is {} dB below the best", lambda t: near(t, "direct", column=WORST)),
         ("in `statuette` and {} dB in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
         (
-            "with at most 200 pixels gives pictures {} dB below the best on average",
+            "clusters of at most 200 pixels, pictures are {} dB below the best on average",
             lambda t: near(t, "T⁺, cut, max-cluster 200"),
         ),
         (
@@ -169,7 +169,7 @@ PROSE = (
         "docs/table_6_1.md",
         BRICKS,
         (
-            "Direct mapping and the thesis' T⁺ are {} to {} dB below the best",
+            "direct mapping and the thesis' T⁺ are {} to {} dB below the best",
             lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
         ),
         (

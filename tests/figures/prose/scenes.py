@@ -84,7 +84,7 @@ PROSE = (
             lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
         ),
         (
-            "this cut keeps {} to {} % of all light",
+            "the cut keeps {} to {} % of all light",
             lambda t: ends(t(r"\| all, 0.1$", "light kept")),
         ),
         (
@@ -145,8 +145,8 @@ PROSE = (
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
         ),
         (
-            "has a median error of {} pixels (95th percentile: {}). With the bust, the median error is {} pixels (95th "
-            "percentile: {})",
+            "has a median error of {} pixels (95th percentile: {}). With the bust, the screen has a median error of {} "
+            "pixels (95th percentile: {})",
             "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
             "95 %: {})",
         ),
@@ -165,7 +165,7 @@ PROSE = (
         "docs/simulation.md",
         WORTH,
         (
-            "This error is at most {} dB",
+            "the error is at most {} dB",
             lambda t: (max(t(".", "off by, dB")),),
         ),
     ),
@@ -177,7 +177,7 @@ PROSE = (
     said(
         "docs/size.md",
         BLURRED,
-        ("widest blur at 1920x1080 ({} entries per camera pixel), blocks", lambda t: (t.one("another T", "near"),)),
+        ("the square with the widest blur has {} entries per camera pixel", lambda t: (t.one("another T", "near"),)),
     ),
     counted(
         "docs/size.md",
