@@ -40,7 +40,7 @@ FAR_RESIDUAL: FramePasses = (
 SLOPE: FramePasses = (("map dual", "computes the part of the slope TᵀW (b − T y) from near light"),)
 FAR_SLOPE: FramePasses = (
     ("map dual_gather", "gathers the residual into nodes of far light"),
-    ("map dual_mix", "applies the transpose of `far_mix` to the residual in the nodes"),
+    ("map dual_mix", "multiplies the gathered residual by the transpose of `far_mix`"),
     ("map dual_scatter", "adds the part of the slope from far light"),
 )
 STEP: FramePasses = (("refinement_step", "makes a projected gradient step, with Nesterov's momentum"),)

@@ -147,7 +147,8 @@ def in_blocks(size: str, minutes: float) -> Figures:
 def led_in() -> Figures:
     """Returns the row for docs/size.md's sentences on a film that is divided within its shot."""
     play = f"counterlight play two_planes {CLIP} --segments 2"
-    stated = {f"after {n}": rf"`--lead-in {n}`, (\d+) of (\d+) code values [^,`]*, by at most (\d+)" for n in (8, 48)}
+    differ = r"the frames differ in (\d+) of (\d+) code values, by at most (\d+)"
+    stated = {f"after {n}": rf"`--lead-in {n}`, {differ}" for n in (8, 48)}
     found = {f"after {n}": rf"(\d+) of (\d+) codes differ there, by at most (\d+)\nfilm{n}" for n in (8, 48)}
     return Figures(
         "docs/size.md",

@@ -70,7 +70,7 @@ PROSE = (
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
         (
-            "smooth pictures after `multiplexed` are {} to {} dB worse.",
+            "smooth pictures after `multiplexed` are {} to {} dB worse than with the true T.",
             lambda t: ends(lost(t, SMOOTH, CODED_MANY, EDGES)),
         ),
         (
