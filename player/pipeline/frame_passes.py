@@ -27,15 +27,15 @@ START: FramePasses = (
         "combine",
         "adds refinement's change in the previous frame to T⁺ b, and clamps the start p (`player/pipeline/starts.py`)",
     ),
-    ("combine", "adds the previous frame's momentum to p, which gives y"),
+    ("combine", "adds the previous frame's momentum to p, which gives the drive y"),
 )
 RESIDUAL: FramePasses = (
     ("map transport", "begins a step with b − S y, the residual of near light (`player/pipeline/refiner.py`)"),
 )
 FAR_RESIDUAL: FramePasses = (
     ("map far_gather", "gathers the drive y into nodes of far light"),
-    ("map far_mix", "computes the far light of the drive between nodes"),
-    ("map far_scatter", "subtracts the far light of the drive, which gives the residual b − T y"),
+    ("map far_mix", "computes the far light of y between nodes"),
+    ("map far_scatter", "subtracts the far light of the drive y, which gives the residual b − T y"),
 )
 SLOPE: FramePasses = (("map dual", "computes the part of the slope TᵀW (b − T y) from near light"),)
 FAR_SLOPE: FramePasses = (

@@ -46,15 +46,15 @@ PROSE = (
         "docs/schemes.md",
         SMALL,
         (
-            "one shot, 4 σ.** In every room, fine pictures are at most {} dB worse than with the true T",
+            "one shot, 4 σ.** In every room, *fine* pictures are at most {} dB worse than with the true T",
             lambda t: (largest(t, FINE, ONE),),
         ),
         (
-            "In four rooms, smooth pictures are at most {} dB worse than with the true T",
+            "In four rooms, *smooth* pictures are at most {} dB worse than with the true T",
             lambda t: (largest(t, SMOOTH, ONE, rooms="corner|glass|skull|two_planes"),),
         ),
         (
-            "In `folded_cards`, `statuette` and `wall`, smooth pictures are {} to {} dB worse than with the true T.",
+            "In `folded_cards`, `statuette` and `wall`, *smooth* pictures are {} to {} dB worse than with the true T.",
             lambda t: ends(lost(t, SMOOTH, ONE, rooms="folded_cards|statuette|wall")),
         ),
         (
@@ -70,7 +70,7 @@ PROSE = (
             lambda t: (max(largest(t, each, CODED_MANY, rooms="wall|two_planes") for each in (FINE, SMOOTH)),),
         ),
         (
-            "smooth pictures after `multiplexed` are {} to {} dB worse than with the true T.",
+            "*smooth* pictures after `multiplexed` are {} to {} dB worse than with the true T.",
             lambda t: ends(lost(t, SMOOTH, CODED_MANY, EDGES)),
         ),
         (
@@ -78,7 +78,7 @@ PROSE = (
             lambda t: (100 - 100 * min(ratios(pictures(t, COARSE), pictures(t, ONE))),),
         ),
         (
-            "smooth pictures are up to {} dB worse than with 4 σ.",
+            "*smooth* pictures are up to {} dB worse than with 4 σ.",
             lambda t: (largest(t, SMOOTH, COARSE, than=ONE),),
         ),
         (
@@ -97,10 +97,11 @@ PROSE = (
     said(
         "docs/schemes.md",
         FIRST,
-        ("with a PSNR {} dB below `hierarchical`", lambda t: short(t, "wall", 9)),
-        ("With 48 or 128 pictures, the PSNR is {} dB below `hierarchical`", lambda t: short(t, "glass", 128)),
+        ("for a wall: the PSNR is {} dB lower than with `hierarchical`", lambda t: short(t, "wall", 9)),
+        ("With 48 or 128 pictures, the PSNR is {} dB lower than with `hierarchical`", lambda t: short(t, "glass", 128)),
         (
-            "the PSNR of a blurred room is {} dB below `hierarchical`. With 128 pictures, the PSNR is {} dB below",
+            "the PSNR of a blurred room is {} dB lower than with `hierarchical`. With 128 pictures, the PSNR is {} dB "
+            "lower.",
             lambda t: short(t, "defocus", 9, 128),
         ),
     ),

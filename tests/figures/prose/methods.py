@@ -63,9 +63,11 @@ PROSE = (
     said(
         "docs/accuracy.md",
         ACCURACY,
-        ("**Uncompensated** pictures are {} dB below the best", lambda t: near(t, "uncompensated")),
-        ("takes almost no time, and comes within {} dB", lambda t: near(t, "direct")),
-        ("*triangulated*) comes within {} dB of the best.", lambda t: near(t, "direct, triangulated")),
+        ("**Uncompensated** pictures are on average {} dB below the best", lambda t: near(t, "uncompensated")),
+        (
+            "pictures by direct mapping are {} dB below the best, or {} dB with interpolation",
+            lambda t: near(t, "direct", "direct, triangulated"),
+        ),
         ("In `corner`, direct mapping is {} dB below the best", lambda t: near(t, "direct", column=WORST)),
         ("in `statuette` and {} dB in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
         (

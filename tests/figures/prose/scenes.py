@@ -145,8 +145,8 @@ PROSE = (
             for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
         ),
         (
-            "has a median error of {} pixels (95th percentile: {}). With the bust, the screen has a median error of {} "
-            "pixels (95th percentile: {})",
+            "have a median error of {} pixels (95th percentile: {}). With the bust, the screen positions have a "
+            "median error of {} pixels (95th percentile: {})",
             "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
             "95 %: {})",
         ),
