@@ -206,9 +206,9 @@ def test_a_room_from_8_bit_jpeg_with_a_black_photograph_and_a_smaller_camera(
 def test_a_pair_that_does_not_belong_is_named_and_left_out(
     rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pictures, photographs = write_pairs(tmp_path, Wall(), rng)
+    pictures, photographs = write_pairs(tmp_path, Wall(), rng, 10)
     write(photographs / "IMG_006.png", Wall().capture(natural_pictures(rng, 1)[0], rng))
-    assert main([str(pictures), str(photographs), "-o", str(tmp_path / "room")]) == 0
+    assert main([str(pictures), str(photographs), "--camera", "64x48", "-o", str(tmp_path / "room")]) == 0
     printed = capsys.readouterr().out
     assert "left out: frame006.png with IMG_006.png, which do not belong together" in printed
     assert printed.count("left out") == 1

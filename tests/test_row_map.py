@@ -120,6 +120,9 @@ def test_rows_of_nothing_at_all() -> None:
     packed = pack(empty, (2, 3), (4, 4))
     assert packed.count == 0
     assert_same(unpack(packed), empty)
+    sums = empty.sums()
+    assert sums.dtype == np.float64
+    np.testing.assert_array_equal(sums, np.zeros((6, 3)))
 
 
 def test_index_is_exact_in_the_alpha_channel_up_to_its_limit() -> None:

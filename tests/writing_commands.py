@@ -34,7 +34,7 @@ COMMANDS = {
     "acquire": "tools.acquire_transport --camera simulated:ROOM --scheme graycode --no-preflight -o OUT/made",
     "import": f"tools.import_transport {MATRICES} -o OUT/made",
     "import-graycode": f"tools.import_graycode HERE/captures {GRAYCODE} -o OUT/made",
-    "import-pairs": "tools.import_pairs HERE/pairs/pictures HERE/pairs/photographs -o OUT/made",
+    "import-pairs": "tools.import_pairs HERE/pairs/pictures HERE/pairs/photographs --camera 64x48 -o OUT/made",
     "join": "tools.join_projectors ROOM ROOM -o OUT/made",
     "play.png": "app ROOM CLIP --frames 2 --output OUT/o.png",
     "play.exr": "app ROOM CLIP --frames 2 --output OUT/o.exr",
@@ -57,7 +57,7 @@ def write_inputs(room: Path) -> None:
     (here / "ramp.csv").write_text("level,grey\n" + "".join(f"{level},{level}\n" for level in range(0, 256, 17)))
     sparse.save_npz(here / "T.npz", sparse.csr_array(sparse.eye_array(54, dtype=np.float32)))
     write_opencv_captures(here / "captures", make_rig(rng))
-    write_pairs(here / "pairs", Wall(), rng, 10)
+    write_pairs(here / "pairs", Wall(), rng, 8)
 
 
 def words_of(command: str, out: Path, room: Path) -> tuple[str, list[list[str]]]:

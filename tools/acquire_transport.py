@@ -46,13 +46,12 @@ THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as 
 def main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     _choose_scheme(options)
-    from threadpoolctl import threadpool_limits
-
     from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
     from counterlight.tools.acquisition.few.acquire import check_count
     from counterlight.tools.acquisition.rig import open_rig
     from counterlight.tools.acquisition.schemes.blocks import is_wide
     from counterlight.tools.acquisition.store import Wanted
+    from counterlight.tools.jobs import one_thread
     from counterlight.tools.report.acquired import write_acquisition_report
 
     output: Path = options.output
@@ -69,7 +68,7 @@ def main(argv: Sequence[str] | None) -> None:
         print(conclusion("nothing acquired", action))
         return
     # One BLAS thread: two made small products several times slower.
-    with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
+    with one_thread(), open_rig(options) as (camera, projectors):
         if options.pictures:
             check_count(options.pictures, projectors)
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)

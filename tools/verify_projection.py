@@ -60,12 +60,11 @@ def main(argv: Sequence[str] | None) -> int:
 
 
 def _verify(options: argparse.Namespace, stage: Path | None) -> int:
-    from threadpoolctl import threadpool_limits
-
     from counterlight import calibration as calibrations
     from counterlight.tools.acquisition.cameras.live import LiveCamera
     from counterlight.tools.acquisition.preflight import preflight, refuse_bad
     from counterlight.tools.acquisition.rig import open_rig
+    from counterlight.tools.jobs import one_thread
     from counterlight.tools.transport.storage import read_transport
     from counterlight.unattended.json_lines import check_control
 
@@ -75,7 +74,7 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
     transport = read_transport(stored)
     wanted = _wanted(options, stored, transport)
     refuse = partial(_check_projectors, options, stored.calibration)
-    with threadpool_limits(limits=1), open_rig(options, refuse, stored.calibration.camera.response) as (camera, _):
+    with one_thread(), open_rig(options, refuse, stored.calibration.camera.response) as (camera, _):
         if isinstance(camera, LiveCamera) and not options.no_preflight:
             for finding in preflight(camera):
                 refuse_bad(finding)

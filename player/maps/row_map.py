@@ -104,7 +104,8 @@ class SparseRows:
     def sums(self) -> NDArray[np.float64]:
         """Return the sum of every row, (rows, 3). `apply` to a picture of ones gives the same, but needs Numba."""
         rows, count = self.rows, self.shape[0]
-        return np.stack([np.bincount(rows, weights, count) for weights in self.weights.T], axis=1)
+        sums = np.stack([np.bincount(rows, weights, count) for weights in self.weights.T], axis=1)
+        return sums.astype(np.float64, copy=False)  # empty sums are integers, for which callers would compile again
 
     def where(self, keep: NDArray[np.bool_]) -> "SparseRows":
         """Keep only some entries. keep : (entries,) bool."""

@@ -16,7 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.media.decoding.child import CHANNELS, HEADER, NO_SOUND, RATE, Letters, Samples, end_child, start_child
+from counterlight.media.decoding.child import Letters, end_child, start_child
+from counterlight.media.decoding.sound_blocks import CHANNELS, HEADER, NO_SOUND, RATE, Samples
 from counterlight.media.medium import Medium
 
 AHEAD = RATE  # samples that are kept ready: one second

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from threadpoolctl import threadpool_limits
 
 from counterlight.arrays import IntArray
 from counterlight.command import track
@@ -21,6 +20,7 @@ from counterlight.jobs.workers import Workers
 from counterlight.raster import Region
 from counterlight.tools.inverse.rows import Piece, Truncation
 from counterlight.tools.inverse.windows import HALOS, WindowedChannel, WindowRows, Windows, windowed_jobs
+from counterlight.tools.jobs import one_thread
 
 SIDE = 4  # blocks per side of a super-block
 MATRICES = "columns", "normal"
@@ -61,7 +61,7 @@ def invert_super_block(folder: Path, number: int, budget: float, tolerance: floa
         corners = [(int(y), int(x)) for y, x in stored["corners"]]
     jobs = windowed_jobs(slices, whole, Truncation(reach, budget), tolerance, corners)
     # one thread, as tools/jobs.py uses, so that results are identical to the last bit
-    with threadpool_limits(limits=1):
+    with one_thread():
         return [job() for job in jobs]
 
 

@@ -9,11 +9,11 @@ distance from the optimum.
 
 import numba
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from counterlight.arrays import FloatArray
 from counterlight.command import track
 from counterlight.maps.products import LARGE, compiled
+from counterlight.tools.jobs import one_thread
 from counterlight.tools.solve.solution import Solution
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import CHANNELS, Transport
@@ -49,7 +49,7 @@ class Box:
 
     def run(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         """Return p, (projector pixels, 3), and a note per channel."""
-        with threadpool_limits(limits=1):  # with more threads, far light's small products take up to 28 times as long
+        with one_thread():  # with more threads, far light's small products take up to 28 times as long
             return self._run(b)
 
     def _run(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:

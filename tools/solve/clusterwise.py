@@ -10,12 +10,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import lsmr
-from threadpoolctl import threadpool_limits
 
 from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks
 from counterlight.tools.clusters.components import CAUSES, NonFiniteError, describe_cluster
-from counterlight.tools.jobs import run_jobs
+from counterlight.tools.jobs import one_thread, run_jobs
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.solution import ChannelSolver
 
@@ -36,7 +35,7 @@ class LeastSquares:
         self._operator = T.operator
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-        with threadpool_limits(limits=1):  # products of vectors are too small for several threads
+        with one_thread():  # products of vectors are too small for several threads
             p, reason, steps, residual, gradient, *_ = lsmr(
                 self._operator, b, atol=TOLERANCE, btol=TOLERANCE, conlim=0, maxiter=MOST_STEPS
             )

@@ -19,8 +19,9 @@ import av
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.media.decoding.child import CHANNELS, HEADER, NO_SOUND, RATE, Samples, limit_memory, private_stdout
+from counterlight.media.decoding.child import limit_memory, private_stdout
 from counterlight.media.decoding.opening import first_picture_s, log_natively, open_file
+from counterlight.media.decoding.sound_blocks import CHANNELS, HEADER, NO_SOUND, RATE, Samples
 from counterlight.media.medium import Medium
 
 

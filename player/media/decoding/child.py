@@ -1,13 +1,11 @@
 """Decoder processes: how the player starts and ends them, and how they limit their memory.
 
-A decoder imports this module before any large module, so that its first heartbeat comes as soon as Python runs. The
-format of the sound decoder's blocks is here, because importing it must not import PyAV (0.25 s).
+A decoder imports this module before any large module, so that its first heartbeat comes as soon as Python runs.
 """
 
 import atexit
 import contextlib
 import os
-import struct
 import subprocess
 import sys
 import threading
@@ -15,9 +13,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO
-
-import numpy as np
-from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 
@@ -131,9 +126,3 @@ def limit_memory(most: float = MAX_ADDRESS_SPACE) -> None:
     limit = hard if most == float("inf") else int(most) if hard == resource.RLIM_INFINITY else min(int(most), hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
-
-
-RATE, CHANNELS = 48_000, 2
-HEADER = struct.Struct("<qI")  # serial, number of samples
-NO_SOUND = -1  # serial that means a medium without sound
-Samples = NDArray[np.float32]

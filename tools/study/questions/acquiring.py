@@ -6,7 +6,6 @@ from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
@@ -21,6 +20,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import MemoryStore
 from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.jobs import one_thread
 from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.study.questions.answers import CLOSE_DB, NEAR_DB, Answer, Question, cheapest, decibels
 from counterlight.tools.study.questions.place import MOST_PIXELS, Place, coarse
@@ -122,7 +122,7 @@ def acquire_again(room: Calibration, truth: Transport, way: Way) -> Again:
     camera = SimulatedCamera(first, settings, others=others)
     store = MemoryStore(camera.exposures, averaged=way.averaged)
     # one thread as in acquire; messages about the simulation are hidden
-    with threadpool_limits(limits=1), redirect_stderr(io.StringIO()):
+    with one_thread(), redirect_stderr(io.StringIO()):
         if way.make is None:
             parts = acquire_pictures(camera, store, way.pictures, projectors, stoppable=False)
         else:
