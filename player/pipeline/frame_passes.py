@@ -25,7 +25,7 @@ INVERSE: FramePasses = (("map correction", "multiplies b by T⁺, the correction
 START: FramePasses = (
     (
         "combine",
-        "adds refinement's change in the previous frame to T⁺ b, and clamps the start p (`player/pipeline/starts.py`)",
+        "adds to T⁺ b what refinement changed in the last frame, and clamps the sum p (`player/pipeline/starts.py`)",
     ),
     ("combine", "adds the previous frame's momentum to p, which gives the drive y"),
 )

@@ -18,7 +18,7 @@ UNCHECKED = (  # page, beginning of a table's header, reason
 SENTENCES = (  # page, words of prose, reason
     ("docs/player.md", "frames were at most 56 ms late", TIMES),
     ("docs/cameras.md", "positions on the screen have a median error of a twentieth", TESTED),
-    ("docs/displays.md", "a stripe of 4 % of white becomes", TESTED),
+    ("docs/displays.md", "reduces the extra light in the overlap from 4 %", TESTED),
     ("docs/drift.md", "measures shifts of up to 11 pixels to within 0.02", TESTED),
     ("docs/drift.md", "a movement by (0.8, −0.5) pixels to within 0.1 pixels", TESTED),
     ("docs/acquisition.md", "has an error of at most 0.3 % of white", TESTED),

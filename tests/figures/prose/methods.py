@@ -220,7 +220,7 @@ PROSE = (
             lambda t: (max(t(r"\| (40|10)$", "plain inverse")),),
         ),
         (
-            "limits the amplification as well as the cut does, but with an error of only {} %",
+            "also limits the amplification, and has an error of only {} %",
             lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),),
         ),
     ),

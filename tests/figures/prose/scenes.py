@@ -80,7 +80,7 @@ PROSE = (
             ),
         ),
         (
-            "a photograph is {} dB below the best whatever the inverse drops.",
+            "a photograph is {} dB below the best at every tested threshold of singular values.",
             lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1],
         ),
         (
