@@ -18,7 +18,6 @@ import pytest
 
 from counterlight.calibration import Device
 from counterlight.errors import InputError
-from counterlight.pipeline.shown_copies import factor_of
 from counterlight.raster import Region
 from counterlight.response import Response
 from counterlight.show.polled import watching_of
@@ -32,6 +31,7 @@ from counterlight.unattended.watcher import LONGEST_REST_S, REST_S, SILENT_S, Wa
 from tests.programs import PATIENCE_S, ROOT
 from tests.stage import Reader, Stage
 
+FACTOR = 2  # of the pictures that the watcher gets
 PROJECTOR, CAMERA = Device(150, 200, Response("srgb")), Device(6, 8, Response("linear"))
 
 
@@ -51,7 +51,7 @@ class Watched:
         stage.read_last = SimpleNamespace(calibration=calibration, white=2.0, drift=None)
         command = sys.executable, "-m", "tests.watcher_program", str(self.folder), self.manner
         self.watcher = Watcher(command, stage.session.notice, stage.clock)
-        start = Start("room", ("v4l2:0",), (0.03,), factor_of(region.width), 0.04, str(self.folder), "independent")
+        start = Start("room", ("v4l2:0",), (0.03,), FACTOR, 0.04, str(self.folder), "independent")
         return Watching(stage.session, self.watcher, start, dims=self.dims)
 
     def __enter__(self) -> "Watched":
@@ -107,7 +107,7 @@ def test_the_watcher_gets_each_frame_and_bursts_of_pictures(tmp_path: Path) -> N
         show.commands.set("blackout", True)
         show.until(lambda: show.messages("Light")[-1]["number"] == 0)
     first, *_ = show.messages()
-    assert (first["kind"], first["cameras"], first["exposures"], first["factor"]) == ("Start", ["v4l2:0"], [0.03], 2)
+    assert [first[name] for name in ("kind", "cameras", "exposures", "factor")] == ["Start", ["v4l2:0"], [0.03], FACTOR]
     lights, pictures = show.messages("Light"), show.messages("Picture")
     seen = [light["number"] for light in lights if light["number"]]
     assert seen == sorted(seen)

@@ -37,7 +37,6 @@ from counterlight.unattended.watch_link import (
 from counterlight.unattended.watcher import Watcher
 
 BURST, PICTURE_EVERY_S = 4, 0.2  # most pictures of consecutive frames, and the mean time between two pictures
-SOONER_S = 0.1  # a burst that follows an exposure may begin so much sooner; the next burst is then later
 SLOWEST_S = 0.1  # longest time that a frame is expected to stand
 STANDS_S = 0.2  # time on the screen after which a frame's picture is sent even between bursts
 SETTLED_S = 0.004  # time for a GPU to draw the copies, so that reading them does not wait
@@ -262,10 +261,9 @@ class Bursts:
     def takes(self, now_s: float) -> bool:
         """Whether the picture of the frame that is shown from `now_s` on is sent."""
         frame_s, self._last_s = min(max(now_s - self._last_s, 1e-3), SLOWEST_S), now_s
-        sooner_s = SOONER_S if self.exposes else 0.0
-        if not self._left and now_s >= self._rests_until_s - sooner_s:
+        if not self._left and now_s >= self._rests_until_s:
             self._left = self._needed(now_s, frame_s)
-            self._rests_until_s = max(self._rests_until_s, now_s - sooner_s) + PICTURE_EVERY_S * self._left
+            self._rests_until_s = now_s + PICTURE_EVERY_S * self._left
         self._left -= (taken := self._left > 0)
         return taken
 
