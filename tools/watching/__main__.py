@@ -30,6 +30,7 @@ from counterlight.unattended.watch_link import GAINS, PAINT, Answer, Light, Mess
 
 ANSWER_S, RETRY_S, GONE_S = 0.5, 5.0, 0.1
 READ_BYTES = 1 << 20
+NICE = 10  # the player's frames come first
 STDIN, STDOUT = 0, 1  # not sys.stdout, which exr.py replaces while another thread reads the room
 
 
@@ -41,6 +42,7 @@ def tell(words: Sequence[str] | None) -> None:
 
 
 def main() -> int:
+    os.nice(NICE)
     messages = _messages()
     start = next(messages, None)
     if start is None:
