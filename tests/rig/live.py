@@ -43,8 +43,7 @@ STATS = "stats.json"
 CAPTURES = 4  # files that stay in the folder
 DRAWN = "--refine", "2", "--refine-from", "map", "--dither", "none"  # a frame does not depend on the frame before
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
-NEARBY = 4  # frames around the stated position that a displayed picture may show
-BRIGHT, WAIT_S = 0.5, 3.0  # share of the brightest picture so far that is judged, and the longest wait for it
+NEARBY = 12  # frames around the stated position that a displayed picture may show; a loaded machine is that late
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,6 @@ class Screen:
     display: str
     size: tuple[int, int]  # (width, height)
     frames: list[Frame] = field(default_factory=list)
-    brightest: float = 0.0  # largest mean code
 
     def __post_init__(self) -> None:
         self._over, self._lock = threading.Event(), threading.Lock()
@@ -138,7 +136,6 @@ class Screen:
             packed = np.frombuffer(root.get_image(0, 0, *self.size, X.ZPixmap, 0xFFFFFFFF).data, np.uint8)
             codes = packed.reshape(*self.size[::-1], 4)[..., 2::-1]
             if not self.frames or not np.array_equal(codes, self.frames[-1].codes):
-                self.brightest = max(self.brightest, float(codes.mean()))
                 with self._lock:
                     self.frames.append(Frame(now_s, codes.copy()))
                     while len(self.frames) > 1 and self.frames[1].time_s < now_s - KEPT_S:
@@ -288,20 +285,11 @@ def _played(
             watched.camera = replace(camera, automatic=True)
         for later_s in after_s:
             time.sleep(max(began[0] + later_s - time.monotonic(), 0.0))
-            before_s, frame = _bright(client, screen)
+            before_s = client.get("time-pos")
+            frame = screen.since(time.monotonic())[-1]
             yield Seen(time.monotonic() - began[0], frame.codes, before_s, _state(client))
         client.ask("quit")
         player.wait(PATIENCE_S)
-
-
-def _bright(client: Client, screen: Screen) -> tuple[float, Frame]:
-    """Return the film's position and the displayed frame. Waits for the end of a fade, whose frames are too alike."""
-    limit_s = time.monotonic() + WAIT_S
-    while True:
-        before_s, frame = client.get("time-pos"), screen.since(time.monotonic())[-1]
-        if frame.codes.mean() >= BRIGHT * screen.brightest or time.monotonic() > limit_s:
-            return before_s, frame
-        time.sleep(0.1)
 
 
 def _state(client: Client) -> dict[str, Any]:
