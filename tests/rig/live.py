@@ -43,7 +43,7 @@ STATS = "stats.json"
 CAPTURES = 4  # files that stay in the folder
 DRAWN = "--refine", "2", "--refine-from", "map", "--dither", "none"  # a frame does not depend on the frame before
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
-NEARBY = 12  # frames around the stated position that a displayed picture may show; a loaded machine is that late
+NEARBY = 4  # frames around the stated position that a displayed picture may show
 
 
 @dataclass(frozen=True)
