@@ -29,7 +29,7 @@ test: system-test $(ready) ## everything that must hold
 lint: $(ready) ## style and types
 	$(python) -m ruff check .
 	$(python) -m ruff format --check .
-	$(python) -m tests.type_check
+	$(python) -m mypy
 
 types: $(ready) ## types as a user's pyright sees them, in strict mode (300 MB)
 	$(python) -m pip install --quiet --disable-pip-version-check -c constraints.txt basedpyright
