@@ -39,7 +39,7 @@ from tests.screens import one_screen
 
 LOOK_S = 0.008  # seconds between two looks at the screen
 KEPT_S = 2.0  # seconds for which displayed frames are kept
-STATS = "stats.json"
+STATS = "stats.json"  # of the player, at the end of a show
 CAPTURES = 4  # files that stay in the folder
 DRAWN = "--refine", "2", "--refine-from", "map", "--dither", "none"  # a frame does not depend on the frame before
 WHITE = 0.85  # share of the automatic white: a lamp at 90 % still reaches it
@@ -353,19 +353,9 @@ def _frame(rig: Rig, film: Film, seen: Seen, white: float) -> int:
     return min(near, key=misfit)
 
 
-HEADS = (
-    "event",
-    "film",
-    "time",
-    "without, dB",
-    "after verify, dB",
-    "watched, dB",
-    "state",
-    "reason",
-    "moved px",
-    "gain",
-    "added light",
-)
+STATE = "state", "reason", "moved_px", "gain", "added_light"  # keys of watch-state in the table
+QUALITIES = "without, dB", "after verify, dB", "watched, dB"
+HEADS = "event", "film", "time", *QUALITIES, *(key.replace("_", " ") for key in STATE)
 
 
 def frame_times(show: Show) -> str:
@@ -384,5 +374,5 @@ def row_of(event: str, film: str, moment: Moment) -> str:
     state = moment.state
     qualities = moment.unwatched, moment.verified, moment.shown
     cells = event, film, f"{moment.time_s:.0f} s", *(f"{each:.1f}" for each in qualities)
-    cells = *cells, *(str(state.get(key, "")) for key in ("state", "reason", "moved_px", "gain", "added_light"))
+    cells = *cells, *(str(state.get(key, "")) for key in STATE)
     return f"| {' | '.join(cells)} |"
