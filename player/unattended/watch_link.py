@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from counterlight.unattended.json_lines import encode
 
 HEADER = struct.Struct("<4sII")
-GRID = 6, 8  # rows and columns of `Light.grid`
+GRID = 24, 32  # rows and columns of `Light.grid`
 MOST_BYTES = 1 << 26  # largest message; a larger number of bytes is damage
 PAINT, GAINS = "paint.npy", "gains.npy"
 ROW_GAINS = 0.5, 1.15  # limits of the factors of the rows of T

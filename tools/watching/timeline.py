@@ -72,8 +72,12 @@ class Timeline:
     def __init__(self, coarse: FloatArray, exposure_s: float | None, refresh_s: float, *, follows: bool) -> None:
         self._coarse, self._refresh_s = coarse, refresh_s
         self._given = exposure_s
+        # of each displayed frame: when it was shown, the regions' light that it predicts, and the number of its picture
         self._times: deque[float] = deque()
-        self._lights: deque[NDArray[np.float32]] = deque()
+        self._predicted: deque[FloatArray] = deque()
+        self._numbers: deque[int] = deque()
+        self._grid: NDArray[np.float32] | None = None  # of the first frame with the last number
+        self._number = 0
         self._pictures: deque[Picture] = deque()
         self._captures: deque[tuple[float, FloatArray]] = deque(maxlen=CAPTURES)
         widest = 0.0 if follows else MOST_LATENCY_S / 2
@@ -81,11 +85,15 @@ class Timeline:
         self._follows = follows
 
     def light(self, light: Light) -> None:
+        if self._grid is None or np.abs(light.grid - self._grid).max() >= SAME:
+            self._grid = light.grid
+            self._number += 1
         self._times.append(light.time_s)
-        self._lights.append(light.grid.reshape(-1, 3))
+        self._predicted.append(np.einsum("krc,ck->rk", self._coarse, light.grid.reshape(-1, 3)))
+        self._numbers.append(self._number)
         while self._times[0] < light.time_s - KEPT_S:
-            self._times.popleft()
-            self._lights.popleft()
+            for kept in (self._times, self._predicted, self._numbers):
+                kept.popleft()
 
     def picture(self, picture: Picture) -> None:
         self._pictures.append(picture)
@@ -136,24 +144,16 @@ class Timeline:
         """Return the times of the frames that stand between two times, without frames equal to their predecessor."""
         begin = int(np.searchsorted(times, first_s, side="right")) - 1
         end = int(np.searchsorted(times, last_s, side="left"))
-        found = [begin]
-        for i in range(begin + 1, end):
-            if not self._same(i, found[-1]):
-                found.append(i)
-        return [float(times[i]) for i in found]
-
-    def _same(self, one: int, other: int) -> bool:
-        return bool(np.abs(self._lights[one] - self._lights[other]).max() < SAME)
+        changed = (i for i in range(begin + 1, end) if self._numbers[i] != self._numbers[i - 1])
+        return [float(times[i]) for i in (begin, *changed)]
 
     def _picture_of(self, times: FloatArray, time_s: float) -> Picture | None:
         """Return the picture of the frame shown at a time, or of an equal frame."""
         nearest = min(self._pictures, key=lambda picture: abs(picture.time_s - time_s), default=None)
         if nearest is None or nearest.time_s == time_s:
             return nearest
-        one, other = sorted(int(np.searchsorted(times, t, side="right")) - 1 for t in (nearest.time_s, time_s))
-        if one < 0 or any(not self._same(i, one) for i in range(one + 1, other + 1)):
-            return None
-        return nearest
+        one, other = (int(np.searchsorted(times, t, side="right")) - 1 for t in (nearest.time_s, time_s))
+        return nearest if one >= 0 <= other and self._numbers[one] == self._numbers[other] else None
 
     def find(self) -> None:
         """Estimate latency and exposure from the captures so far."""
@@ -168,7 +168,7 @@ class Timeline:
         if total <= 0:
             return
         lags, exposures = np.arange(0.0, MOST_LATENCY_S, STEPS_S), self._exposures()
-        integral = _Integral(np.array(self._times), np.stack(self._lights))
+        integral = _Integral(np.array(self._times), np.stack(self._predicted))
         costs = np.array([[self._cost(integral, times[covered], differences, L, E) for L in lags] for E in exposures])
         number, lag = np.unravel_index(np.argmin(costs), costs.shape)
         least, along = float(costs[number, lag]), costs[number]
@@ -186,10 +186,8 @@ class Timeline:
         return self._refresh_s * np.array([0.05, 0.5, 1, 1.5, 2, 3])
 
     def _cost(self, integral: "_Integral", times: FloatArray, differences: FloatArray, L: float, E: float) -> float:
-        light = integral.mean(times - L - E, times - L)
-        changes = np.ascontiguousarray(np.diff(light, axis=0).transpose(2, 0, 1))
-        predicted = changes @ self._coarse.transpose(0, 2, 1)  # (channels, captures, regions)
-        return float(np.sum((predicted - differences.transpose(2, 0, 1)) ** 2))
+        predicted = np.diff(integral.mean(times - L - E, times - L), axis=0)
+        return float(np.sum((predicted - differences) ** 2))
 
 
 class _Integral:
@@ -201,7 +199,7 @@ class _Integral:
         self._sums = np.concatenate([np.zeros((1, *lights.shape[1:])), np.cumsum(steps, axis=0)])
 
     def mean(self, first: FloatArray, last: FloatArray) -> FloatArray:
-        """Return the mean light between times, (n, cells, 3)."""
+        """Return the mean light between times, (n, regions, 3)."""
         length = np.maximum(last - first, 1e-6)[:, None, None]
         return np.asarray((self._at(first + length[:, 0, 0]) - self._at(first)) / length)
 

@@ -27,6 +27,7 @@ from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.transport.transport import Csr, Transport, channels, luminance, stacked
 from counterlight.unattended.watch_link import GRID
 
+REGIONS = 6, 8  # rows and columns of the regions of the camera picture in the search for the latency
 FEWEST_BLOCKS = 50
 WHOLE = 0.99  # share of a block's light that must come from inside the rasters
 MASKED = 255  # value of OpenCV's masks
@@ -143,16 +144,20 @@ class RoomView:
     def coarse(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """B T of a grid of GRID cells, (3, regions, cells), and the region of every block, -1 if it is not counted.
 
-        Regions are GRID cells of the camera picture. The matrix predicts their mean light from `Light.grid`.
+        Regions are a grid of REGIONS over the camera picture. The matrix predicts their mean light from `Light.grid`.
         """
         y, x = np.divmod(np.arange(self.blocks.count), self.blocks.columns)
-        region = (y * GRID[0] // self.blocks.rows) * GRID[1] + x * GRID[1] // self.blocks.columns
+        region = (y * REGIONS[0] // self.blocks.rows) * REGIONS[1] + x * REGIONS[1] // self.blocks.columns
         region = np.where(self.counted, region, -1)
-        found = np.zeros((3, GRID[0] * GRID[1], GRID[0] * GRID[1]))
-        for cell in range(GRID[0] * GRID[1]):
-            light = self.seen(self._cell(cell))
+        down, right = (_cells(size, cells) for size, cells in zip(self.raster, GRID, strict=True))
+        cell = (down[:, None] * GRID[1] + right).ravel()
+        mixing = np.eye(3) if self._mixed is None else self._mixed
+        found = np.zeros((3, REGIONS[0] * REGIONS[1], GRID[0] * GRID[1]))
+        for number in np.unique(region[self.counted]):
+            share = (region == number) / np.count_nonzero(region == number)
             for channel in range(3):
-                found[channel, :, cell] = regional(light[:, channel], region)
+                back = self.transport.apply_transpose(share[:, None] * mixing[..., channel, :])
+                found[channel, number] = np.bincount(cell, back.sum(axis=1), found.shape[2])
         return found, region
 
     def changes(self, camera: int, light: NDArray[np.float32]) -> float:
@@ -161,12 +166,6 @@ class RoomView:
         seen = np.unique(region[self.cameras[camera] & self.counted])
         change = np.einsum("krc,ck->rk", coarse[:, seen], light.reshape(-1, 3))
         return rms(change) / rms(coarse[:, seen].sum(axis=2))
-
-    def _cell(self, cell: int) -> FloatArray:
-        """Return a reduced picture with one cell of its grid white."""
-        (height, width), (down, right) = self.raster, divmod(cell, GRID[1])
-        y, x = np.arange(height) * GRID[0] // height, np.arange(width) * GRID[1] // width
-        return np.repeat(((y == down)[:, None] & (x == right))[..., None], 3, axis=2).astype(np.float64)
 
     @cached_property
     def _near(self) -> tuple[Csr, ...]:
@@ -199,9 +198,14 @@ class RoomView:
         return np.asarray(seen & (mask > WHOLE) & lit(luminance(self.flood)) & (inside > WHOLE * near))
 
 
+def _cells(size: int, cells: int) -> NDArray[np.int64]:
+    """Return the cell of each of `size` pixels, as `Means` divides them, (size,)."""
+    return np.searchsorted(np.arange(cells + 1) * size // cells, np.arange(size), side="right") - 1
+
+
 def regional(values: FloatArray, region: NDArray[np.int64]) -> FloatArray:
     """Return the mean of blocks (blocks,) per region, (regions,); 0 for a region without blocks."""
-    counted, size = region >= 0, GRID[0] * GRID[1]
+    counted, size = region >= 0, REGIONS[0] * REGIONS[1]
     sums = np.bincount(region[counted], values[counted], size)
     counts = np.bincount(region[counted], minlength=size)
     return np.asarray(sums / np.maximum(counts, 1))
