@@ -190,20 +190,28 @@ class Comparison:
         # (projectors, channels, blocks, 8)
         steep = sum(np.sqrt(np.sum(each[..., :2] ** 2, axis=-1)).T for each in moves)
         sigma = np.sqrt(
-            (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2 + late**2
+            (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2
         )[used]
-        residual = ((measured - predicted)[used]) / sigma
+        residual, delay = ((measured - predicted)[used]) / sigma, late[used] / sigma
         texture = self._texture(predicted)
         columns = [self._columns(channel, moves, lights, theta, texture) for channel in range(CHANNELS)]
         J = [each[used] / sigma[:, channel, None] for channel, (_, each) in enumerate(columns)]
-        unexplained = self._unexplained(residual, J, [places for places, _ in columns], unclipped[used])
+        unexplained = self._unexplained(residual, J, delay, [places for places, _ in columns], unclipped[used])
         scale, weights, outliers = self._weights(unexplained, unclipped[used])
         H, b = np.zeros((self.layout.size,) * 2), np.zeros(self.layout.size)
+        delayed = np.zeros(self.layout.size)
         for channel, (places, _) in enumerate(columns):
             weighted = weights[:, None] * J[channel]
             H[np.ix_(places, places)] += weighted.T @ J[channel]
             b[places] += weighted.T @ residual[:, channel]
+            delayed[places] += weighted.T @ delay[:, channel]
         c = 0.5 * float(np.sum(weights[:, None] * residual**2))
+        # eliminate the delay, which is 0 ± 1
+        information = scale**2 + float(np.sum(weights[:, None] * delay**2))
+        late_b = float(np.sum(weights[:, None] * delay * residual))
+        H -= np.outer(delayed, delayed) / information
+        b -= delayed * (late_b / information)
+        c -= 0.5 * late_b**2 / information
         c += float(b @ theta + 0.5 * theta @ H @ theta)
         found = Evidence(H, b + H @ theta, c, float(weights.sum())).scaled(1 / scale**2)
         gain = _slope(light[used], (measured - ambient)[used], weights)
@@ -221,9 +229,14 @@ class Comparison:
         return float(np.mean(np.minimum(residual**2, 1)))
 
     def _unexplained(
-        self, residual: FloatArray, J: list[FloatArray], places: list[NDArray[np.int64]], valid: BoolArray
+        self,
+        residual: FloatArray,
+        J: list[FloatArray],
+        delay: FloatArray,
+        places: list[NDArray[np.int64]],
+        valid: BoolArray,
     ) -> FloatArray:
-        """Return the residuals that no movement, lamp or even ambient light explains, (used blocks, channels).
+        """Return the residuals that no movement, lamp, even ambient light or delay explains, (used blocks, channels).
 
         Otherwise every change of the whole room would look like a foreign object.
         """
@@ -234,8 +247,10 @@ class Comparison:
         for cells in layout.ambient.reshape(CHANNELS, layout.field):
             even[cells, cells[0]] = 1
         even = even[:, even.any(axis=0)]
-        Z = [each @ even[where] for each, where in zip(J, places, strict=True)]
-        fitted = _fitted(Z, residual, valid, np.zeros(even.shape[1]), _huber)
+        Z = [
+            np.column_stack([each @ even[where], late]) for each, where, late in zip(J, places, delay.T, strict=True)
+        ]
+        fitted = _fitted(Z, residual, valid, np.zeros(Z[0].shape[1]), _huber)
         starts = [_fitted(Z, residual, valid, start, _redescending) for start in (np.zeros_like(fitted), fitted)]
         left = [residual - np.stack([z @ x for z in Z], axis=1) for x in starts]
         scale = min(_scale(each[valid]) for each in left)
