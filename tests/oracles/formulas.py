@@ -296,7 +296,7 @@ def reduced(drive: NDArray[np.floating], regions: Sequence[Region], factor: int)
 
 
 def grid_means(picture: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return means over a grid of GRID cells: (height, width, 3) -> (*GRID, 3)."""
+    """Return means over a grid of GRID cells, 0 in cells without pixels: (height, width, 3) -> (*GRID, 3)."""
     edges = [np.arange(cells + 1) * size // cells for size, cells in zip(picture.shape, GRID, strict=False)]
     return np.asarray(_over(picture.astype(np.float32), *edges), np.float32)
 
@@ -307,5 +307,7 @@ def _means(picture: NDArray[np.floating], factor: int) -> NDArray[np.float32]:
 
 
 def _over(picture: NDArray[np.float32], rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
-    sums = np.add.reduceat(np.add.reduceat(picture, rows[:-1], axis=0), columns[:-1], axis=1)
-    return np.asarray(sums / (np.diff(rows)[:, None, None] * np.diff(columns)[:, None]), np.float32)
+    total = np.pad(picture.cumsum(axis=0, dtype=np.float64).cumsum(axis=1), ((1, 0), (1, 0), (0, 0)))
+    sums = np.diff(np.diff(total[rows][:, columns], axis=0), axis=1)
+    counts = np.diff(rows)[:, None, None] * np.diff(columns)[:, None]
+    return np.asarray(sums / np.maximum(counts, 1), np.float32)

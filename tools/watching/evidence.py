@@ -1,10 +1,12 @@
 """The evidence of one capture for changes of the room: a quadratic cost of θ around the present estimate.
 
 θ holds, per projector, a homography in eight numbers and the light of each channel; a smooth field of ambient light;
-and a movement of the wall's texture per camera, which tells a moved camera from a moved projector. The
-residual of a block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the
-near light of T. Weights fall to zero for large residuals (Geman and McClure 1987) and for connected regions of them:
-people, shadows, a hand.
+and a movement of the wall's texture per camera, which tells a moved camera from a moved projector. The residual of a
+block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the near light of T.
+
+Each capture also has its own delay, with the deviation of the latency. Without it, a film that pans would seem to have
+moved. The delay is eliminated. Weights fall to zero for large residuals (Geman and McClure 1987) and for connected
+regions of them: people, shadows, a hand.
 """
 
 from collections.abc import Callable
@@ -189,29 +191,24 @@ class Comparison:
         moves = [self._derivatives(slopes, number) for number in range(len(view.boxes))]
         # (projectors, channels, blocks, 8)
         steep = sum(np.sqrt(np.sum(each[..., :2] ** 2, axis=-1)).T for each in moves)
-        sigma = np.sqrt(
-            (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2
-        )[used]
-        residual, delay = ((measured - predicted)[used]) / sigma, late[used] / sigma
+        variance = (MODEL * predicted) ** 2 + (FLOOR * view.white) ** 2 + noise**2 + (MISPLACED * steep) ** 2
+        sigma = np.sqrt(variance)[used]
+        residual = (measured - predicted)[used] / sigma
         texture = self._texture(predicted)
-        columns = [self._columns(channel, moves, lights, theta, texture) for channel in range(CHANNELS)]
+        columns = [self._columns(channel, moves, lights, theta, texture, late) for channel in range(CHANNELS)]
         J = [each[used] / sigma[:, channel, None] for channel, (_, each) in enumerate(columns)]
-        unexplained = self._unexplained(residual, J, delay, [places for places, _ in columns], unclipped[used])
+        unexplained = self._unexplained(residual, J, [places for places, _ in columns], unclipped[used])
         scale, weights, outliers = self._weights(unexplained, unclipped[used])
-        H, b = np.zeros((self.layout.size,) * 2), np.zeros(self.layout.size)
-        delayed = np.zeros(self.layout.size)
+        size = self.layout.size
+        H, b = np.zeros((size + 1,) * 2), np.zeros(size + 1)  # the last unknown is the delay
         for channel, (places, _) in enumerate(columns):
             weighted = weights[:, None] * J[channel]
             H[np.ix_(places, places)] += weighted.T @ J[channel]
             b[places] += weighted.T @ residual[:, channel]
-            delayed[places] += weighted.T @ delay[:, channel]
-        c = 0.5 * float(np.sum(weights[:, None] * residual**2))
-        # eliminate the delay, which is 0 ± 1
-        information = scale**2 + float(np.sum(weights[:, None] * delay**2))
-        late_b = float(np.sum(weights[:, None] * delay * residual))
-        H -= np.outer(delayed, delayed) / information
-        b -= delayed * (late_b / information)
-        c -= 0.5 * late_b**2 / information
+        H[size, size] += scale**2
+        c = 0.5 * float(np.sum(weights[:, None] * residual**2)) - 0.5 * float(b[size] ** 2 / H[size, size])
+        b = b[:size] - H[:size, size] * (b[size] / H[size, size])
+        H = H[:size, :size] - np.outer(H[:size, size], H[size, :size]) / H[size, size]
         c += float(b @ theta + 0.5 * theta @ H @ theta)
         found = Evidence(H, b + H @ theta, c, float(weights.sum())).scaled(1 / scale**2)
         gain = _slope(light[used], (measured - ambient)[used], weights)
@@ -229,28 +226,21 @@ class Comparison:
         return float(np.mean(np.minimum(residual**2, 1)))
 
     def _unexplained(
-        self,
-        residual: FloatArray,
-        J: list[FloatArray],
-        delay: FloatArray,
-        places: list[NDArray[np.int64]],
-        valid: BoolArray,
+        self, residual: FloatArray, J: list[FloatArray], places: list[NDArray[np.int64]], valid: BoolArray
     ) -> FloatArray:
         """Return the residuals that no movement, lamp, even ambient light or delay explains, (used blocks, channels).
 
         Otherwise every change of the whole room would look like a foreign object.
         """
         layout = self.layout
-        even = np.zeros((layout.size, layout.size))
-        kept = np.concatenate([layout.all_geometry, layout.all_gains, layout.camera])
+        even = np.zeros((layout.size + 1,) * 2)
+        kept = np.concatenate([layout.all_geometry, layout.all_gains, layout.camera, [layout.size]])
         even[kept, kept] = 1
         for cells in layout.ambient.reshape(CHANNELS, layout.field):
             even[cells, cells[0]] = 1
         even = even[:, even.any(axis=0)]
-        Z = [
-            np.column_stack([each @ even[where], late]) for each, where, late in zip(J, places, delay.T, strict=True)
-        ]
-        fitted = _fitted(Z, residual, valid, np.zeros(Z[0].shape[1]), _huber)
+        Z = [each @ even[where] for each, where in zip(J, places, strict=True)]
+        fitted = _fitted(Z, residual, valid, np.zeros(even.shape[1]), _huber)
         starts = [_fitted(Z, residual, valid, start, _redescending) for start in (np.zeros_like(fitted), fitted)]
         left = [residual - np.stack([z @ x for z in Z], axis=1) for x in starts]
         scale = min(_scale(each[valid]) for each in left)
@@ -298,7 +288,13 @@ class Comparison:
         return found
 
     def _columns(
-        self, channel: int, moves: list[FloatArray], lights: list[FloatArray], theta: FloatArray, texture: FloatArray
+        self,
+        channel: int,
+        moves: list[FloatArray],
+        lights: list[FloatArray],
+        theta: FloatArray,
+        texture: FloatArray,
+        late: FloatArray,
     ) -> tuple[NDArray[np.int64], FloatArray]:
         """Return the unknowns that one channel depends on, and the derivative of its blocks by them, (blocks, n)."""
         layout = self.layout
@@ -308,8 +304,8 @@ class Comparison:
             places += [layout.geometry(number), np.array([gain])]
             columns += [each[channel], (light[:, channel] / (1 + theta[gain]))[:, None]]
         field = layout.ambient.reshape(CHANNELS, layout.field)[channel]
-        places += [field, layout.camera]
-        columns += [self._lit[:, :, channel], texture[channel]]
+        places += [field, layout.camera, np.array([layout.size])]
+        columns += [self._lit[:, :, channel], texture[channel], late[:, channel, None]]
         return np.concatenate(places), np.concatenate(columns, axis=1)
 
     def _only(self, landed: FloatArray, box: Region) -> FloatArray:
