@@ -27,7 +27,7 @@ from tests.rig.rays import FloatArray
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS
 from tests.rig.watching import WatchCamera, dust, since
-from tests.watched_films import Film, Scene, watched
+from tests.watched_films import FRAMES_PER_S, Film, Scene, watched
 
 SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
 CALM = Devices(projector=Projector(gammas=None))
@@ -78,6 +78,17 @@ def film(rig: Rig) -> Film:
 
 def seen(view: RoomView, rig: Rig, scene: Scene, end_s: float = END_S) -> list[Answer]:
     return [moment.answer for moment in watched(view, rig, film(rig), scene, end_s)]
+
+
+def panned(rig: Rig) -> Film:
+    """Returns a random field that moves to the right by a pixel per frame, and changes every two seconds."""
+    fields = [np.stack([random_field(rig.raster, 3 * number + k) for k in range(3)], axis=2) for number in range(3)]
+
+    def at(time_s: float) -> FloatArray:
+        number, since_s = divmod(time_s, 2)
+        return np.asarray(0.8 * np.roll(fields[int(number) % len(fields)], int(since_s * FRAMES_PER_S), axis=1))
+
+    return at
 
 
 def later(**changes: object) -> Scene:
@@ -183,6 +194,15 @@ def test_nothing_is_corrected_when_nothing_has_changed(view: RoomView, rig: Rig,
     for answer in seen(view, rig, scene):
         assert np.abs(middle(view, answer)).max() < STILL_PX
         np.testing.assert_allclose(answer.projectors[0].gain, 1, atol=NEAR_LIGHT)
+
+
+def test_a_panning_film_is_no_movement(view: RoomView, rig: Rig) -> None:
+    """Captures arrive with 12 ms of jitter, in which the film moves by 0.3 pixels."""
+    scene = Scene(lambda _: CALM, camera=WatchCamera(period_s=0.2, jitter_s=0.012), told=False)
+    answers = [moment.answer for moment in watched(view, rig, panned(rig), scene, END_S)]
+    assert {answer.state for answer in answers} <= {"looking", "holding", "correcting"}
+    assert np.abs([middle(view, answer) for answer in answers]).max() < 2 * STILL_PX
+    assert answers[-1].captures > 20
 
 
 @pytest.mark.parametrize(
