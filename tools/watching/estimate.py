@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.tools.watching.evidence import Compared, Evidence, Layout
+from counterlight.tools.watching.evidence import CAMERA, Compared, Evidence, Layout
 
 WINDOWS_S = 20.0, 10.0, 5.0, 2.5  # captures that are fitted; a shorter window is used after a change
 HOLD_BACK = 3
@@ -31,6 +31,7 @@ OLD = 0.1  # weight of a capture of the same picture, relative to a full weight
 COARSE = 1.5  # rounding errors that a whole picture may have in common
 DIM = 0.05  # share of white; in a darker film, noise does not blur code values
 CAMERA_MOVED = 0.1  # camera pixels; a camera with a smaller shift has not moved
+CLEAR = 4.0  # standard deviations of the texture's place; a movement of the picture by more is clear
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,8 @@ class Found:
     better : improvement of the held-back captures over the applied θ.
     camera : how much a movement of the wall's texture, and thus of a camera, improves the prediction of the held-back
         captures; 0 if the texture has not moved.
-    texture : whether the captures determine a movement of the texture.
+    texture : whether the captures determine the texture's place well enough: they would show if a moved camera, and not
+        a moved projector, were the cause of θ.
     which : number of the camera that has moved most, from 0.
     """
 
@@ -73,10 +75,12 @@ class Estimate:
     """Collects evidence; `theta` is the present estimate, around which captures are compared.
 
     `applied` is the θ that the player has, or will have soon.
+
+    camera_px : camera pixels per projector pixel.
     """
 
-    def __init__(self, layout: Layout) -> None:
-        self.layout = layout
+    def __init__(self, layout: Layout, camera_px: float = 1.0) -> None:
+        self.layout, self._camera_px = layout, camera_px
         self.theta: FloatArray = np.zeros(layout.size)
         self.applied: FloatArray = np.zeros(layout.size)
         self._records: deque[Record] = deque()
@@ -205,7 +209,19 @@ class Estimate:
         found, places = self._solved(evidence, np.arange(self.layout.size)), self.layout.camera
         moves = np.abs(found[places]).reshape(self.layout.cameras, -1).max(axis=1)
         better = held.cost(theta) - held.cost(found) if moves.max() >= CAMERA_MOVED else 0.0
-        return better, self._known(evidence, places) == 1, int(moves.argmax())
+        known = self._known(evidence, places) == 1 or self._unsure_texture(evidence) < self._moved_px(theta) / CLEAR
+        return better, known, int(moves.argmax())
+
+    def _unsure_texture(self, evidence: Evidence) -> float:
+        """Return the largest standard deviation of a shift of any camera's texture, camera pixels."""
+        shifts = self.layout.camera.reshape(self.layout.cameras, CAMERA)[:, :2]
+        least = min(float(np.linalg.eigvalsh(evidence.H[np.ix_(each, each)])[0]) for each in shifts)
+        return 1 / np.sqrt(max(least, 1e-12))
+
+    def _moved_px(self, theta: FloatArray) -> float:
+        """Return how far the middle of a picture has moved since the applied θ, camera pixels."""
+        shifts = [(theta - self.applied)[places[:2]] for places in self._geometries()]
+        return self._camera_px * max(float(np.hypot(*each)) for each in shifts)
 
     def _sum(self, records: list[Record], *, held: bool) -> Evidence:
         chosen = (record.evidence for record in records if record.held is held)

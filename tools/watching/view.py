@@ -124,6 +124,11 @@ class RoomView:
         """(rows, columns) of the blocks."""
         return self.blocks.rows, self.blocks.columns
 
+    @property
+    def camera_px(self) -> float:
+        """Camera pixels per projector pixel: the root of the lit camera pixels over all projector pixels."""
+        return float(np.sqrt(self.room.mask.sum() / self.transport.shape[1])) / self.factor
+
     def seen(self, landed: FloatArray) -> FloatArray:
         """Return the blocks' light above ambient under a reduced picture (height, width, 3): (blocks, 3)."""
         light = self.transport.apply(landed.reshape(-1, 3))

@@ -60,7 +60,10 @@ AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least dev
 GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
-BACK_S = WINDOWS_S[0]  # if a camera has moved or changed, the corrections of this many last seconds are reverted
+# if a camera has moved or changed, the corrections of this many last seconds are reverted; a changed camera causes no
+# corrections for as long
+BACK_S = WINDOWS_S[0]
+AGREEING = 2  # successive estimates that must find a movement; the first one mixes captures from before and after it
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
 # share of outliers that starts the search of a jump; steps of the search in pixels
@@ -109,7 +112,7 @@ class Watcher:
         row_gains: NDArray[np.float32] | None = None,
     ) -> None:
         self._view, self._comparison = view, Comparison(view)
-        self._estimate = Estimate(self._comparison.layout)
+        self._estimate = Estimate(self._comparison.layout, view.camera_px)
         coarse, self._region = view.coarse
         self._timeline = Timeline(coarse, exposure_s, refresh_s, follows=follows)
         self._situation = Situation()
@@ -125,7 +128,8 @@ class Watcher:
         self._arrivals: deque[float] = deque(maxlen=ARRIVALS)
         self._history: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
         self._applied = self._estimate.applied
-        self._unclear_s = np.inf
+        self._unclear_s, self._moving = np.inf, 0
+        self._changed_s, self._changed = -np.inf, ""
         self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
         self._jumped, self._rest_s = False, SEARCH_S[0]
         self._seen: tuple[Shot, FloatArray, FloatArray | None] | None = None
@@ -181,7 +185,7 @@ class Watcher:
 
     def answer(self, now_s: float) -> Answer:
         """Return the correction to apply, and why."""
-        state, reason = self._state(now_s)
+        state, reason = self._steady(now_s, *self._state(now_s))
         estimate, step_s = self._estimate, min(now_s - self._answered_s, 1.0)
         if state in ("camera moved", "camera changed"):
             if self._history:
@@ -267,6 +271,7 @@ class Watcher:
         if time_s - self._fitted_s >= FIND_EVERY_S:
             self._fitted_s = time_s
             self._found = self._estimate.find()
+            self._moving = self._moving + 1 if self._found is not None and self._moves(self._found) else 0
 
     def _jump(self, exposed: Exposed, measured: FloatArray) -> bool:
         """Search for a jump of each picture, and continue from it if it explains the capture much better."""
@@ -339,13 +344,26 @@ class Watcher:
             return "holding", self._lasting() or nothing
         if found.better < WORTH:
             return "holding", "a correction would not predict other captures better"
-        places = self._comparison.layout.all_geometry
-        moves = np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX
+        moves = self._moves(found)
+        if moves and self._moving < AGREEING:
+            return "holding", "a movement waits for the next captures"
         unclear = moves and not found.texture
         self._unclear_s = min(self._unclear_s, now_s) if unclear else np.inf
         if now_s - self._unclear_s < UNCLEAR_S and unclear:
             return "holding", "it is unclear whether the camera or a projector has moved"
         return "correcting", self._changes(found.theta)
+
+    def _moves(self, found: Found) -> bool:
+        places = self._comparison.layout.all_geometry
+        return bool(np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX)
+
+    def _steady(self, now_s: float, state: str, reason: str) -> tuple[str, str]:
+        """Return a state without corrections soon after `camera changed`, because automatic exposures vary."""
+        if state == "camera changed":
+            self._changed_s, self._changed = now_s, reason
+        elif state == "correcting" and now_s - self._changed_s < BACK_S:
+            return "camera changed", self._changed
+        return state, reason
 
     def _automatic(self) -> bool:
         """Whether the gain of the captures follows the brightness of the film."""
