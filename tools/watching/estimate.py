@@ -216,7 +216,7 @@ class Estimate:
         """Return the largest standard deviation of a shift of any camera's texture, camera pixels."""
         shifts = self.layout.camera.reshape(self.layout.cameras, CAMERA)[:, :2]
         least = min(float(np.linalg.eigvalsh(evidence.H[np.ix_(each, each)])[0]) for each in shifts)
-        return 1 / np.sqrt(max(least, 1e-12))
+        return float(1 / np.sqrt(max(least, 1e-12)))
 
     def _moved_px(self, theta: FloatArray) -> float:
         """Return how far the middle of a picture has moved since the applied θ, camera pixels."""
