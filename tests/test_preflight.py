@@ -199,10 +199,10 @@ class Driver:
         self.frames -= 1
         return self.frames >= 0
 
-    def read(self) -> tuple[bool, Shot]:
+    def retrieve(self) -> tuple[bool, Shot]:
         picture = np.zeros((*CAMERA, 3), np.uint8)
         picture[..., 0] = 200  # blue in OpenCV's order
-        return self.grab(), picture
+        return self.frames >= 0, picture
 
 
 def test_a_video_camera_is_set_by_hand() -> None:

@@ -156,21 +156,17 @@ class _Process:
                     row_gains=np.load(learned) if learned.exists() else None,
                 )
             watcher = self._watcher
-        self._camera, period_s, last_s = camera, 0.0, time.monotonic()
+        self._camera = camera
         while True:
-            with self._lock:
-                wants = watcher.wants(last_s + period_s)
-            if camera.follows or wants:
-                arrived_s, shot = camera.frame()
-                with self._lock:
-                    watcher.capture(arrived_s, shot, camera.exposures)
-            else:
-                arrived_s = camera.skip()
+            arrived_s = camera.arrival()
             with self._lock:
                 watcher.arrived(arrived_s)
-            between_s = min(max(arrived_s - last_s, 0.0), 0.2)
-            period_s = 0.9 * period_s + 0.1 * between_s if period_s else between_s
-            self._trouble, last_s = "", arrived_s
+                wants = camera.follows or watcher.wants(arrived_s)
+            if wants:
+                shot = camera.shot()
+                with self._lock:
+                    watcher.capture(arrived_s, shot, camera.exposures)
+            self._trouble = ""
 
 
 def _messages() -> Iterator[Message]:

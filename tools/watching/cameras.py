@@ -46,11 +46,11 @@ class WatchCamera(Protocol):
     def exposure_s(self) -> float | None: ...
     @property
     def follows(self) -> bool: ...
-    def skip(self) -> float:
-        """Wait for the next frame, and discard it; returns the time of its arrival. Raises InputError if none comes."""
+    def arrival(self) -> float:
+        """Wait for the next frame, and return the time of its arrival. Raises InputError if none comes."""
 
-    def frame(self) -> tuple[float, Shot]:
-        """Wait for the next frame; returns the time of its arrival, and the frame. Raises InputError if none comes."""
+    def shot(self) -> Shot:
+        """Read the frame that has arrived last."""
 
     def show(self, picture: Picture) -> None:
         """Take a displayed picture, for cameras that are simulated."""
@@ -65,13 +65,12 @@ class LiveFrames:
         self._device, self.exposures, self.exposure_s = device, exposures, exposures.shortest
         device.expose(exposures.shortest)
 
-    def skip(self) -> float:
+    def arrival(self) -> float:
         self._device.skip()
         return time.monotonic()
 
-    def frame(self) -> tuple[float, Shot]:
-        shot = self._device.frame()
-        return time.monotonic(), shot
+    def shot(self) -> Shot:
+        return self._device.last()
 
     def show(self, picture: Picture) -> None:
         """Does nothing: the camera sees the projector."""
@@ -87,25 +86,11 @@ class NewestFile:
 
     def __init__(self, folder: Path, exposures: Exposures, exposure_s: float | None, shape: Shape) -> None:
         self._folder, self._shape, self.exposures, self.exposure_s = folder, shape, exposures, exposure_s
-        self._seen_ns = time.time_ns()
+        self._seen_ns, self._path = time.time_ns(), folder
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; name the folder that another program writes captures to")
 
-    def skip(self) -> float:
-        return self._next()[0]
-
-    def frame(self) -> tuple[float, Shot]:
-        time_s, path = self._next()
-        shot = read_photograph(path)
-        if shot.shape[:2] != self._shape:
-            (height, width), (rows, columns) = shot.shape[:2], self._shape
-            raise InputError(f"{path}: {width}x{height} pixels, the calibration's camera has {columns}x{rows}")
-        return time_s, shot
-
-    def show(self, picture: Picture) -> None:
-        """Does nothing: another program photographs."""
-
-    def _next(self) -> tuple[float, Path]:
+    def arrival(self) -> float:
         """Wait for a new file. Raises InputError or OSError; files may vanish at any time."""
         deadline = time.monotonic() + SILENT_S
         while time.monotonic() < deadline:
@@ -113,10 +98,20 @@ class NewestFile:
                 files = [each for each in entries if Path(each.name).suffix in ANY_CASE and each.name[0] != "."]
                 written, path = max(((each.stat().st_mtime_ns, each.path) for each in files), default=(0, ""))
             if written > self._seen_ns:
-                self._seen_ns = written
-                return time.monotonic() - (time.time_ns() - written) * 1e-9, Path(path)
+                self._seen_ns, self._path = written, Path(path)
+                return time.monotonic() - (time.time_ns() - written) * 1e-9
             time.sleep(POLL_S)
         raise InputError(f"{self._folder}: no new photograph for {SILENT_S:.0f} s")
+
+    def shot(self) -> Shot:
+        shot = read_photograph(self._path)
+        if shot.shape[:2] != self._shape:
+            (height, width), (rows, columns) = shot.shape[:2], self._shape
+            raise InputError(f"{self._path}: {width}x{height} pixels, the calibration's camera has {columns}x{rows}")
+        return shot
+
+    def show(self, picture: Picture) -> None:
+        """Does nothing: another program photographs."""
 
 
 class SimulatedFrames:
@@ -130,26 +125,23 @@ class SimulatedFrames:
         self._number = 0
         camera.device.expose(camera.exposures.shortest)
 
-    def skip(self) -> float:
-        return self._next().time_s
-
-    def frame(self) -> tuple[float, Shot]:
-        picture = self._next()
+    def arrival(self) -> float:
+        try:
+            picture = self._pictures.get(timeout=SILENT_S)
+        except queue.Empty:
+            raise InputError("the simulated camera: the player has sent no picture") from None
         self._number += 1
         whole = self._repeat @ picture.drive.reshape(-1, 3).astype(np.float64)
         self._camera.screen.show(encoded(whole.reshape(*self._room.projector.shape, 3), self._room.response))
+        return picture.time_s + BRIEF_S
+
+    def shot(self) -> Shot:
         self._camera.device.begin(self._number)
-        return picture.time_s + BRIEF_S, self._camera.device.frame()
+        return self._camera.device.frame()
 
     def show(self, picture: Picture) -> None:
         if not self._pictures.full():
             self._pictures.put(picture)
-
-    def _next(self) -> Picture:
-        try:
-            return self._pictures.get(timeout=SILENT_S)
-        except queue.Empty:
-            raise InputError("the simulated camera: the player has sent no picture") from None
 
 
 @contextmanager

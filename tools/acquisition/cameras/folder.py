@@ -261,6 +261,9 @@ class AimedFolder:
     def skip(self) -> None:
         """Does nothing: a folder has no frames to skip."""
 
+    def last(self) -> Shot:
+        return self.frame()
+
     def frame(self) -> Shot:
         """Returns the newest photograph, or the previous photograph while the newest is incomplete."""
         newest = max(self._photographs(), default=None)

@@ -42,10 +42,13 @@ class CameraDevice(Protocol):
         """Set the exposure time of the frames that follow; InputError if the camera does not obey."""
 
     def skip(self) -> None:
-        """Discard one frame."""
+        """Wait for one frame, and leave it unread."""
+
+    def last(self) -> Shot:
+        """Read the frame for which `skip` has waited."""
 
     def frame(self) -> Shot:
-        """Returns the next frame."""
+        """Wait for the next frame, and read it."""
 
 
 class LiveCamera:

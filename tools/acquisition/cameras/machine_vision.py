@@ -43,6 +43,7 @@ class MachineVisionDevice:
     def __init__(self, camera: Any) -> None:
         pylon, self._genicam = _libraries()
         self._pylon, self._camera, self._exposed_s = pylon, camera, 0.0
+        self._sites: NDArray[np.unsignedinteger] = np.zeros((0, 0), np.uint16)  # of the last frame
         info = camera.GetDeviceInfo()
         self.name = f"pylon {info.GetModelName()} {info.GetSerialNumber()}"
         with self._answering():
@@ -69,17 +70,7 @@ class MachineVisionDevice:
             self._exposed_s = time
 
     def skip(self) -> None:
-        self._sites()
-
-    def frame(self) -> Shot:
-        """Returns 16-bit (height, width, 3), one pixel per quad, or (height, width) for a grey sensor."""
-        sites, white = self._sites(), float((1 << self._bits) - 1)
-        if self._colours is None:
-            return grey(sites, 0.0, white)
-        return binned(sites, self._colours, np.zeros((2, 2)), white)
-
-    def _sites(self) -> NDArray[np.unsignedinteger]:
-        """Returns the raw sites of a frame whose exposure begins now; InputError if no frame arrives."""
+        """Take a frame whose exposure begins now; InputError if no frame arrives."""
         throw, within_ms = self._pylon.TimeoutHandling_ThrowException, round(1e3 * (self._exposed_s + ANSWER_S))
         why = ""
         with self._answering():
@@ -88,11 +79,23 @@ class MachineVisionDevice:
                 self._camera.ExecuteSoftwareTrigger()
                 with self._camera.RetrieveResult(within_ms, throw) as result:
                     if result.GrabSucceeded():
-                        return np.array(result.Array)
+                        self._sites = np.array(result.Array)
+                        return
                     why = result.ErrorDescription
         raise InputError(
             f"{self.name}: {TRIES} frames in a row were damaged ({one_line(why)}); try another cable or port"
         )
+
+    def last(self) -> Shot:
+        """Return 16-bit (height, width, 3), one pixel per quad, or (height, width) for a grey sensor."""
+        white = float((1 << self._bits) - 1)
+        if self._colours is None:
+            return grey(self._sites, 0.0, white)
+        return binned(self._sites, self._colours, np.zeros((2, 2)), white)
+
+    def frame(self) -> Shot:
+        self.skip()
+        return self.last()
 
     def _set_by_hand(self) -> None:
         for name in OFF:

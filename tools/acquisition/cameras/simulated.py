@@ -166,9 +166,12 @@ class SimulatedDevice:
     def skip(self) -> None:
         self._pictures.append(self._screen.look())
 
+    def last(self) -> Shot:
+        return self._shot(self.radiance(self._pictures[0]) * self._time)
+
     def frame(self) -> Shot:
         self.skip()
-        return self._shot(self.radiance(self._pictures[0]) * self._time)
+        return self.last()
 
     def radiance(self, codes: Codes) -> FloatArray:
         """Returns T p + e for a picture's code values."""

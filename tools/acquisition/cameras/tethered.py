@@ -52,6 +52,9 @@ class TetheredDevice:
     def skip(self) -> None:
         """Does nothing: the camera buffers no frames."""
 
+    def last(self) -> Shot:
+        return self.frame()
+
     def frame(self) -> Shot:
         place = self._camera.capture(self._gphoto2.GP_CAPTURE_IMAGE)
         file = self._camera.file_get(place.folder, place.name, self._gphoto2.GP_FILE_TYPE_NORMAL)

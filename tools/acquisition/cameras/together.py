@@ -46,8 +46,8 @@ class JoinedDevices:
         for device in self._devices:
             device.skip()
 
-    def frame(self) -> Shot:
-        shots = [device.frame() for device in self._devices]
+    def last(self) -> Shot:
+        shots = [device.last() for device in self._devices]
         kinds = {(shot.dtype, shot.ndim) for shot in shots}
         if len(kinds) > 1:
             said = ", ".join(f"{shot.dtype} {'colour' if shot.ndim == 3 else 'grey'}" for shot in shots)
@@ -59,6 +59,10 @@ class JoinedDevices:
         for part, shot in zip(parts_of(self._shapes), shots, strict=True):
             together[part] = shot
         return together
+
+    def frame(self) -> Shot:
+        self.skip()
+        return self.last()
 
 
 def together(devices: Sequence[CameraDevice]) -> CameraDevice:

@@ -31,7 +31,7 @@ class Capture(Protocol):
     def get(self, prop: int, /) -> float: ...
     def set(self, prop: int, value: float, /) -> bool: ...
     def grab(self) -> bool: ...
-    def read(self) -> tuple[bool, Shot]: ...
+    def retrieve(self) -> tuple[bool, Shot]: ...
 
 
 class VideoDevice:
@@ -68,11 +68,15 @@ class VideoDevice:
         if not self._capture.grab():
             raise self._gone()
 
-    def frame(self) -> Shot:
-        came, bgr = self._capture.read()
+    def last(self) -> Shot:
+        came, bgr = self._capture.retrieve()
         if not came:
             raise self._gone()
         return np.ascontiguousarray(bgr[..., ::-1]) if bgr.ndim == 3 else bgr
+
+    def frame(self) -> Shot:
+        self.skip()
+        return self.last()
 
     def _gone(self) -> InputError:
         return InputError(f"{self._device}: gives no more frames; plug it in again and run the same command again")
