@@ -4,9 +4,9 @@
 and a movement of the wall's texture per camera, which tells a moved camera from a moved projector. The residual of a
 block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the near light of T.
 
-Each capture also has its own delay, with the deviation of the latency. Without it, a film that pans would seem to have
-moved. The delay is eliminated. Weights fall to zero for large residuals (Geman and McClure 1987) and for connected
-regions of them: people, shadows, a hand.
+Each capture also has its own delay, which changes from the top to the bottom because of rolling shutters. Without it,
+a film that pans would seem to have moved. The delay is eliminated. Weights fall to zero for large residuals (Geman and
+McClure 1987) and for connected regions of them: people, shadows, a hand.
 """
 
 from collections.abc import Callable
@@ -26,6 +26,7 @@ from counterlight.tools.watching.timeline import Exposed
 from counterlight.tools.watching.view import RoomView
 
 GEOMETRY, CHANNELS, CAMERA = 8, 3, 3
+DELAYS = 2  # unknowns of a capture's delay: the mean, and the change from the middle to the lower edge
 FIELD = 3, 4  # rows and columns of the ambient field
 MODEL, FLOOR = 0.02, 0.001  # errors of the model, shares of the predicted light and of white
 MISPLACED = 0.1  # error of T, in projector pixels along the gradient of the picture
@@ -35,6 +36,7 @@ SCALE = 3.0  # residuals, in robust deviations, at which a block has a quarter o
 OUTLIER = 4.0  # residual of a block that belongs to a foreign object
 REGION = 6  # least blocks of a region that is rejected together with its surroundings
 FLAT = 0.02  # share of the floodlight; the place of a picture with a smaller deviation cannot be estimated
+DELAY = 2.0  # deviation of a capture's delay, in errors of the latency; frames also appear with jitter
 FAR = 0.1  # share of white; larger residuals count as this residual in a search
 
 
@@ -150,6 +152,8 @@ class Comparison:
         self._used = np.flatnonzero(view.counted)
         self._hats = _hats(view.shape, FIELD)
         self._lit = (view.texture * view.white)[:, None, :] * self._hats[:, :, None]  # (blocks, field, channels)
+        y = 2 * (np.arange(view.shape[0]) + 0.5) / view.shape[0] - 1
+        self._rows = np.repeat(np.stack([np.ones(len(y)), y], axis=1), view.shape[1], axis=0)  # (blocks, DELAYS)
         self._halves = [max(box.height, box.width) / 2 for box in view.boxes]
         self._places = [normal_positions((box.height, box.width)) for box in view.boxes]
 
@@ -200,15 +204,13 @@ class Comparison:
         unexplained = self._unexplained(residual, J, [places for places, _ in columns], unclipped[used])
         scale, weights, outliers = self._weights(unexplained, unclipped[used])
         size = self.layout.size
-        H, b = np.zeros((size + 1,) * 2), np.zeros(size + 1)  # the last unknown is the delay
+        H, b = np.zeros((size + DELAYS,) * 2), np.zeros(size + DELAYS)
         for channel, (places, _) in enumerate(columns):
             weighted = weights[:, None] * J[channel]
             H[np.ix_(places, places)] += weighted.T @ J[channel]
             b[places] += weighted.T @ residual[:, channel]
-        H[size, size] += scale**2
-        c = 0.5 * float(np.sum(weights[:, None] * residual**2)) - 0.5 * float(b[size] ** 2 / H[size, size])
-        b = b[:size] - H[:size, size] * (b[size] / H[size, size])
-        H = H[:size, :size] - np.outer(H[:size, size], H[size, :size]) / H[size, size]
+        c = 0.5 * float(np.sum(weights[:, None] * residual**2))
+        H, b, c = _without_delays(H, b, c, (scale / DELAY) ** 2)
         c += float(b @ theta + 0.5 * theta @ H @ theta)
         found = Evidence(H, b + H @ theta, c, float(weights.sum())).scaled(1 / scale**2)
         gain = _slope(light[used], (measured - ambient)[used], weights)
@@ -233,8 +235,8 @@ class Comparison:
         Otherwise every change of the whole room would look like a foreign object.
         """
         layout = self.layout
-        even = np.zeros((layout.size + 1,) * 2)
-        kept = np.concatenate([layout.all_geometry, layout.all_gains, layout.camera, [layout.size]])
+        even = np.zeros((layout.size + DELAYS,) * 2)
+        kept = np.concatenate([layout.all_geometry, layout.all_gains, layout.camera, layout.size + np.arange(DELAYS)])
         even[kept, kept] = 1
         for cells in layout.ambient.reshape(CHANNELS, layout.field):
             even[cells, cells[0]] = 1
@@ -304,8 +306,8 @@ class Comparison:
             places += [layout.geometry(number), np.array([gain])]
             columns += [each[channel], (light[:, channel] / (1 + theta[gain]))[:, None]]
         field = layout.ambient.reshape(CHANNELS, layout.field)[channel]
-        places += [field, layout.camera, np.array([layout.size])]
-        columns += [self._lit[:, :, channel], texture[channel], late[:, channel, None]]
+        places += [field, layout.camera, layout.size + np.arange(DELAYS)]
+        columns += [self._lit[:, :, channel], texture[channel], late[:, channel, None] * self._rows]
         return np.concatenate(places), np.concatenate(columns, axis=1)
 
     def _only(self, landed: FloatArray, box: Region) -> FloatArray:
@@ -352,6 +354,21 @@ def _fitted(
         b = sum((w.T @ residual[:, k] for k, w in enumerate(weighted)), np.zeros(x.size))
         x = np.asarray(np.linalg.lstsq(H, b, rcond=1e-8)[0], np.float64)
     return x
+
+
+def _without_delays(H: FloatArray, b: FloatArray, c: float, least: float) -> tuple[FloatArray, FloatArray, float]:
+    """Minimise ½ xᵀ H x − bᵀ x + c over the last unknowns, the delays.
+
+    least : information about each delay from the latency.
+    """
+    kept, delays = slice(None, -DELAYS), slice(-DELAYS, None)
+    inverse = np.linalg.inv(H[delays, delays] + least * np.eye(DELAYS))
+    c -= 0.5 * float(b[delays] @ inverse @ b[delays])
+    return (
+        H[kept, kept] - H[kept, delays] @ inverse @ H[delays, kept],
+        b[kept] - H[kept, delays] @ inverse @ b[delays],
+        c,
+    )
 
 
 def _scale(residual: FloatArray) -> float:

@@ -63,6 +63,7 @@ ROUNDED = 0.3  # error of a rounded code value
 # if a camera has moved or changed, the corrections of this many last seconds are reverted; a changed camera causes no
 # corrections for as long
 BACK_S = WINDOWS_S[0]
+MOVED_WORTH = 8.0  # least improvement by a moved camera, which no correction tests; a film that pans gives up to 4
 AGREEING = 2  # successive estimates that must find a movement; the first one mixes captures from before and after it
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
@@ -332,7 +333,7 @@ class Watcher:
 
     def _state_of(self, found: Found, now_s: float) -> tuple[str, str]:
         beyond = self._beyond(found.theta)
-        if found.camera > WORTH and (beyond is None or beyond[0] != "camera changed"):
+        if found.camera > MOVED_WORTH and (beyond is None or beyond[0] != "camera changed"):
             name = _named("camera", found.which, self._view.cameras)
             return "camera moved", f"{name} has moved: put it back, or acquire again"
         if beyond is not None:
