@@ -57,7 +57,7 @@ def watched(stored: StoredCalibration, now: Path, repeats: int | None = None) ->
         watcher.light(Light(picture.time_s, grid_means(picture.drive)))
         watcher.picture(picture)
         camera.show(picture)
-        arrived_s, shot = camera.frame()
+        arrived_s, shot = camera.arrival(), camera.shot()
         if repeats is not None:
             held = shot if time_s < CHANGE_S else held
             shot[room.views[repeats]] = held[room.views[repeats]]
