@@ -60,9 +60,8 @@ AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least dev
 GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
-# if a camera has moved or changed, the corrections of this many last seconds are reverted; a changed camera causes no
-# corrections for as long
-BACK_S = WINDOWS_S[0]
+BACK_S = WINDOWS_S[0]  # if a camera has moved or changed, the corrections of this many last seconds are reverted
+WITHOUT_CORRECTIONS_S = {"camera moved": 5.0, "camera changed": BACK_S}  # after a fault
 MOVED_WORTH = 8.0  # least improvement by a moved camera, which no correction tests; a film that pans gives up to 4
 AGREEING = 2  # successive estimates that must find a movement; the first one mixes captures from before and after it
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
@@ -130,7 +129,7 @@ class Watcher:
         self._history: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
         self._applied = self._estimate.applied
         self._unclear_s, self._moving = np.inf, 0
-        self._changed_s, self._changed = -np.inf, ""
+        self._fault, self._fault_ends_s = ("", ""), -np.inf
         self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
         self._jumped, self._rest_s = False, SEARCH_S[0]
         self._seen: tuple[Shot, FloatArray, FloatArray | None] | None = None
@@ -359,11 +358,11 @@ class Watcher:
         return bool(np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX)
 
     def _steady(self, now_s: float, state: str, reason: str) -> tuple[str, str]:
-        """Return a state without corrections soon after `camera changed`, because automatic exposures vary."""
-        if state == "camera changed":
-            self._changed_s, self._changed = now_s, reason
-        elif state == "correcting" and now_s - self._changed_s < BACK_S:
-            return "camera changed", self._changed
+        """Return a state without corrections soon after a fault of the camera: some films do not show it."""
+        if state in WITHOUT_CORRECTIONS_S:
+            self._fault, self._fault_ends_s = (state, reason), now_s + WITHOUT_CORRECTIONS_S[state]
+        elif state == "correcting" and now_s < self._fault_ends_s:
+            return self._fault
         return state, reason
 
     def _automatic(self) -> bool:
