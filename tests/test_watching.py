@@ -19,8 +19,8 @@ from counterlight.tools.watching import watcher
 from counterlight.tools.watching.estimate import COARSE, SETTLE_S, Estimate, information
 from counterlight.tools.watching.evidence import Compared, Evidence, Layout
 from counterlight.tools.watching.learning import PART_S, PARTS
-from counterlight.tools.watching.view import RoomView
-from counterlight.unattended.watch_link import Answer, Light, Picture
+from counterlight.tools.watching.view import RoomView, regional
+from counterlight.unattended.watch_link import GRID, Answer, Light, Picture
 from tests.oracles.formulas import grid_means
 from tests.rig.projector import Projector
 from tests.rig.rays import FloatArray
@@ -107,6 +107,17 @@ def compared_by(H: FloatArray, truth: FloatArray, coarse: float = 0.0) -> Compar
     """Returns a capture whose evidence is H around the true θ."""
     evidence = Evidence(H, H @ truth, 0.5 * truth @ H @ truth, 1.0)
     return Compared(evidence, 1.0, 0.0, 1.0, 1.0, coarse, 1.0, np.zeros((1, 3)), np.ones((1, 3)))
+
+
+def test_the_light_of_regions_is_predicted_from_a_grid(view: RoomView, rng: np.random.Generator) -> None:
+    """The prediction is exact for a picture that is even in each cell."""
+    edges = [np.arange(cells + 1) * size // cells for size, cells in zip(view.raster, GRID, strict=True)]
+    rows, columns = (np.repeat(np.arange(len(each) - 1), np.diff(each)) for each in edges)
+    picture = rng.random((*GRID, 3))[rows][:, columns]
+    coarse, region = view.coarse
+    found = np.einsum("krc,ck->rk", coarse, grid_means(picture).reshape(-1, 3))
+    expected = np.stack([regional(each, region) for each in view.seen(picture).T], axis=1)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("shift", [(0.3, 0.4), (-2.0, 1.0)])
