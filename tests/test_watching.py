@@ -149,7 +149,7 @@ def test_a_lamp_that_dims_is_found(view: RoomView, rig: Rig) -> None:
 def test_the_first_estimate_is_improved_soon_after_a_change(after_s: float, found: float) -> None:
     """Rounded code values hide changes below 3.6 %, except soon after a change."""
     layout = Layout(1)
-    estimate, truth, first = Estimate(layout), np.zeros(layout.size), np.zeros(layout.size)
+    estimate, truth, first = Estimate(layout, 1.0), np.zeros(layout.size), np.zeros(layout.size)
     truth[layout.gain(0)], first[layout.gain(0)] = -0.12, -0.09
     H = np.diag(np.where(np.isin(np.arange(layout.size), layout.gain(0)), 1e7, 0.0))
     compared = compared_by(H, truth, coarse=0.036 / COARSE)
@@ -165,7 +165,7 @@ def test_the_first_estimate_is_improved_soon_after_a_change(after_s: float, foun
 def test_a_wrong_correction_does_not_hide_a_moved_camera() -> None:
     """A moved camera moves the picture and the wall's texture in its captures; only the picture has been corrected."""
     layout = Layout(1)
-    estimate, truth, wrong = Estimate(layout), np.zeros(layout.size), np.zeros(layout.size)
+    estimate, truth, wrong = Estimate(layout, 1.0), np.zeros(layout.size), np.zeros(layout.size)
     projector, camera = layout.geometry(0)[0], layout.camera[0]
     truth[camera], truth[projector], wrong[projector] = 1, 0.9, 0.9
     information_by = np.zeros(layout.size)

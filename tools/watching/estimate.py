@@ -31,7 +31,7 @@ OLD = 0.1  # weight of a capture of the same picture, relative to a full weight
 COARSE = 1.5  # rounding errors that a whole picture may have in common
 DIM = 0.05  # share of white; in a darker film, noise does not blur code values
 CAMERA_MOVED = 0.1  # camera pixels; a camera with a smaller shift has not moved
-CLEAR = 4.0  # standard deviations of the texture's place; a movement of the picture by more is clear
+VISIBLE = 4.0  # standard deviations of the texture's place; a larger movement of the camera would be seen in it
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Estimate:
     camera_px : camera pixels per projector pixel.
     """
 
-    def __init__(self, layout: Layout, camera_px: float = 1.0) -> None:
+    def __init__(self, layout: Layout, camera_px: float) -> None:
         self.layout, self._camera_px = layout, camera_px
         self.theta: FloatArray = np.zeros(layout.size)
         self.applied: FloatArray = np.zeros(layout.size)
@@ -209,11 +209,11 @@ class Estimate:
         found, places = self._solved(evidence, np.arange(self.layout.size)), self.layout.camera
         moves = np.abs(found[places]).reshape(self.layout.cameras, -1).max(axis=1)
         better = held.cost(theta) - held.cost(found) if moves.max() >= CAMERA_MOVED else 0.0
-        known = self._known(evidence, places) == 1 or self._unsure_texture(evidence) < self._moved_px(theta) / CLEAR
+        known = self._known(evidence, places) == 1 or self._unsure_texture(evidence) < self._moved_px(theta) / VISIBLE
         return better, known, int(moves.argmax())
 
     def _unsure_texture(self, evidence: Evidence) -> float:
-        """Return the largest standard deviation of a shift of any camera's texture, camera pixels."""
+        """Return the largest standard deviation of a shift of any camera's texture alone, camera pixels."""
         shifts = self.layout.camera.reshape(self.layout.cameras, CAMERA)[:, :2]
         least = min(float(np.linalg.eigvalsh(evidence.H[np.ix_(each, each)])[0]) for each in shifts)
         return float(1 / np.sqrt(max(least, 1e-12)))

@@ -4,9 +4,9 @@
 and a movement of the wall's texture per camera, which tells a moved camera from a moved projector. The residual of a
 block is r = (c − T W(θ) p − e(θ)) / σ. Its derivative by the homography is ∇(W p) · u, mapped by the near light of T.
 
-Each capture also has its own delay, which changes from the top to the bottom because of rolling shutters. Without it,
-a film that pans would seem to have moved. The delay is eliminated. Weights fall to zero for large residuals (Geman and
-McClure 1987) and for connected regions of them: people, shadows, a hand.
+Each camera of a capture also has its own delay, which changes from the top to the bottom because of rolling shutters.
+Without it, a film that pans would seem to have moved. The delay is eliminated. Weights fall to zero for large residuals
+(Geman and McClure 1987) and for connected regions of them: people, shadows, a hand.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from counterlight.tools.watching.timeline import Exposed
 from counterlight.tools.watching.view import RoomView
 
 GEOMETRY, CHANNELS, CAMERA = 8, 3, 3
-DELAYS = 2  # unknowns of a capture's delay: the mean, and the change from the middle to the lower edge
+DELAYS = 2  # unknowns of a camera's delay: the mean, and the change from the middle to the lower edge
 FIELD = 3, 4  # rows and columns of the ambient field
 MODEL, FLOOR = 0.02, 0.001  # errors of the model, shares of the predicted light and of white
 MISPLACED = 0.1  # error of T, in projector pixels along the gradient of the picture
@@ -152,8 +152,7 @@ class Comparison:
         self._used = np.flatnonzero(view.counted)
         self._hats = _hats(view.shape, FIELD)
         self._lit = (view.texture * view.white)[:, None, :] * self._hats[:, :, None]  # (blocks, field, channels)
-        y = 2 * (np.arange(view.shape[0]) + 0.5) / view.shape[0] - 1
-        self._rows = np.repeat(np.stack([np.ones(len(y)), y], axis=1), view.shape[1], axis=0)  # (blocks, DELAYS)
+        self._rows = _rows(view)
         self._halves = [max(box.height, box.width) / 2 for box in view.boxes]
         self._places = [normal_positions((box.height, box.width)) for box in view.boxes]
 
@@ -203,14 +202,14 @@ class Comparison:
         J = [each[used] / sigma[:, channel, None] for channel, (_, each) in enumerate(columns)]
         unexplained = self._unexplained(residual, J, [places for places, _ in columns], unclipped[used])
         scale, weights, outliers = self._weights(unexplained, unclipped[used])
-        size = self.layout.size
-        H, b = np.zeros((size + DELAYS,) * 2), np.zeros(size + DELAYS)
+        size = self.layout.size + self._rows.shape[1]
+        H, b = np.zeros((size, size)), np.zeros(size)
         for channel, (places, _) in enumerate(columns):
             weighted = weights[:, None] * J[channel]
             H[np.ix_(places, places)] += weighted.T @ J[channel]
             b[places] += weighted.T @ residual[:, channel]
         c = 0.5 * float(np.sum(weights[:, None] * residual**2))
-        H, b, c = _without_delays(H, b, c, (scale / DELAY) ** 2)
+        H, b, c = _without_last(self._rows.shape[1], H, b, c, (scale / DELAY) ** 2)
         c += float(b @ theta + 0.5 * theta @ H @ theta)
         found = Evidence(H, b + H @ theta, c, float(weights.sum())).scaled(1 / scale**2)
         gain = _slope(light[used], (measured - ambient)[used], weights)
@@ -218,7 +217,7 @@ class Comparison:
         agreement = float(np.corrcoef(*shares)[0, 1]) if shares[1].std() > FLAT else np.nan
         brightness, coarse = (float(each[used].mean() / view.white) for each in (light, noise))
         trust = np.zeros_like(predicted)
-        trust[used] = unclipped[used, None] / (scale * sigma) ** 2
+        trust[used] = unclipped[used, None] / (scale**2 * (sigma**2 + late[used] ** 2))
         return Compared(found, scale, outliers, gain, brightness, coarse, agreement, predicted, trust)
 
     def misfit(self, exposed: Exposed, measured: FloatArray, theta: FloatArray) -> float:
@@ -235,8 +234,9 @@ class Comparison:
         Otherwise every change of the whole room would look like a foreign object.
         """
         layout = self.layout
-        even = np.zeros((layout.size + DELAYS,) * 2)
-        kept = np.concatenate([layout.all_geometry, layout.all_gains, layout.camera, layout.size + np.arange(DELAYS)])
+        delays = layout.size + np.arange(self._rows.shape[1])
+        even = np.zeros((layout.size + delays.size,) * 2)
+        kept = np.concatenate([layout.all_geometry, layout.all_gains, layout.camera, delays])
         even[kept, kept] = 1
         for cells in layout.ambient.reshape(CHANNELS, layout.field):
             even[cells, cells[0]] = 1
@@ -306,7 +306,7 @@ class Comparison:
             places += [layout.geometry(number), np.array([gain])]
             columns += [each[channel], (light[:, channel] / (1 + theta[gain]))[:, None]]
         field = layout.ambient.reshape(CHANNELS, layout.field)[channel]
-        places += [field, layout.camera, layout.size + np.arange(DELAYS)]
+        places += [field, layout.camera, layout.size + np.arange(self._rows.shape[1])]
         columns += [self._lit[:, :, channel], texture[channel], late[:, channel, None] * self._rows]
         return np.concatenate(places), np.concatenate(columns, axis=1)
 
@@ -356,19 +356,31 @@ def _fitted(
     return x
 
 
-def _without_delays(H: FloatArray, b: FloatArray, c: float, least: float) -> tuple[FloatArray, FloatArray, float]:
-    """Minimise ½ xᵀ H x − bᵀ x + c over the last unknowns, the delays.
+def _rows(view: RoomView) -> FloatArray:
+    """Return what each block's delay is made of, (blocks, cameras · DELAYS): per camera, 1 and the place of the row."""
+    found = []
+    for own in view.cameras:
+        grid = own.reshape(view.shape)
+        y = np.flatnonzero(grid.any(axis=1))
+        place = (
+            np.interp(np.arange(view.shape[0]), [y[0], y[-1] + 1e-9], [-1, 1]) if y.size else np.zeros(view.shape[0])
+        )
+        found += [own, own * np.repeat(place, view.shape[1])]
+    return np.stack(found, axis=1).astype(np.float64)
 
-    least : information about each delay from the latency.
+
+def _without_last(
+    count: int, H: FloatArray, b: FloatArray, c: float, least: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Minimise ½ xᵀ H x − bᵀ x + c over the last `count` unknowns.
+
+    least : information about each of them that is not in H.
     """
-    kept, delays = slice(None, -DELAYS), slice(-DELAYS, None)
-    inverse = np.linalg.inv(H[delays, delays] + least * np.eye(DELAYS))
-    c -= 0.5 * float(b[delays] @ inverse @ b[delays])
-    return (
-        H[kept, kept] - H[kept, delays] @ inverse @ H[delays, kept],
-        b[kept] - H[kept, delays] @ inverse @ b[delays],
-        c,
-    )
+    kept, last = slice(None, -count), slice(-count, None)
+    inverse = np.linalg.inv(H[last, last] + least * np.eye(count))
+    across = H[kept, last] @ inverse
+    c -= 0.5 * float(b[last] @ inverse @ b[last])
+    return H[kept, kept] - across @ H[last, kept], b[kept] - across @ b[last], c
 
 
 def _scale(residual: FloatArray) -> float:

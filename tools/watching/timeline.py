@@ -149,11 +149,14 @@ class Timeline:
 
     def _picture_of(self, times: FloatArray, time_s: float) -> Picture | None:
         """Return the picture of the frame shown at a time, or of an equal frame."""
-        nearest = min(self._pictures, key=lambda picture: abs(picture.time_s - time_s), default=None)
-        if nearest is None or nearest.time_s == time_s:
-            return nearest
-        one, other = (int(np.searchsorted(times, t, side="right")) - 1 for t in (nearest.time_s, time_s))
-        return nearest if one >= 0 <= other and self._numbers[one] == self._numbers[other] else None
+        number = self._number_at(times, time_s)
+        same = (each for each in reversed(self._pictures) if self._number_at(times, each.time_s) == number)
+        return next(same, None)
+
+    def _number_at(self, times: FloatArray, time_s: float) -> int:
+        """Return the number of the picture that stands at a time; 0 before the first."""
+        index = int(np.searchsorted(times, time_s, side="right")) - 1
+        return self._numbers[index] if index >= 0 else 0
 
     def find(self) -> None:
         """Estimate latency and exposure from the captures so far."""

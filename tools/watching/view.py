@@ -126,8 +126,11 @@ class RoomView:
 
     @property
     def camera_px(self) -> float:
-        """Camera pixels per projector pixel: the root of the lit camera pixels over all projector pixels."""
-        return float(np.sqrt(self.room.mask.sum() / self.transport.shape[1])) / self.factor
+        """Camera pixels per projector pixel: the least of all devices, if each camera sees all of a picture."""
+        seen = min(
+            np.count_nonzero(self.room.mask & self.room.pixels_of(number)) for number in range(len(self.cameras))
+        )
+        return float(np.sqrt(seen / max(region.width * region.height for region in self.room.regions)))
 
     def seen(self, landed: FloatArray) -> FloatArray:
         """Return the blocks' light above ambient under a reduced picture (height, width, 3): (blocks, 3)."""

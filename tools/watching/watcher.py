@@ -61,8 +61,9 @@ GAIN = 0.5, 1.15  # limits of each projector's gain
 PX_PER_S, LIGHT_PER_S, LEARNED_PER_S = 1.0, 0.03, 0.005
 ROUNDED = 0.3  # error of a rounded code value
 BACK_S = WINDOWS_S[0]  # if a camera has moved or changed, the corrections of this many last seconds are reverted
-WITHOUT_CORRECTIONS_S = {"camera moved": 5.0, "camera changed": BACK_S}  # after a fault
-MOVED_WORTH = 8.0  # least improvement by a moved camera, which no correction tests; a film that pans gives up to 4
+# time after a fault; an automatic exposure may agree with the calibrated exposure for a whole scene of the film
+WITHOUT_CORRECTIONS_S = {"camera moved": 5.0, "camera changed": 20.0}
+MOVED_WORTH = 8.0  # the same as WORTH for a moved camera; without a movement, a film that pans gives up to 4
 AGREEING = 2  # successive estimates that must find a movement; the first one mixes captures from before and after it
 UNCLEAR_S = 5.0  # longest wait for a sign whether the camera or a projector has moved
 JUMP_PX = 1.0  # larger changes are applied at once
@@ -131,7 +132,7 @@ class Watcher:
         self._unclear_s, self._moving = np.inf, 0
         self._fault, self._fault_ends_s = ("", ""), -np.inf
         self._pause_s = max(OFTEN_S, PIXEL_S * view.raster[0] * view.raster[1])
-        self._jumped, self._rest_s = False, SEARCH_S[0]
+        self._rest_s = SEARCH_S[0]
         self._seen: tuple[Shot, FloatArray, FloatArray | None] | None = None
         self._learning, self._learns = Learning(view.shape, view.counted), False
         if row_gains is not None:
@@ -290,7 +291,7 @@ class Watcher:
         if least > MUCH_BETTER * before:
             return False
         self._estimate.restart(theta)
-        self._found, self._jumped = None, True
+        self._found, self._moving = None, 0
         return True
 
     def _stands_still(self, measured: FloatArray) -> bool:
@@ -358,11 +359,11 @@ class Watcher:
         return bool(np.abs((found.theta - self._estimate.applied)[places]).max() > STILL_PX)
 
     def _steady(self, now_s: float, state: str, reason: str) -> tuple[str, str]:
-        """Return a state without corrections soon after a fault of the camera: some films do not show it."""
+        """Return a state without corrections soon after a fault of the camera, which not every frame shows."""
         if state in WITHOUT_CORRECTIONS_S:
             self._fault, self._fault_ends_s = (state, reason), now_s + WITHOUT_CORRECTIONS_S[state]
         elif state == "correcting" and now_s < self._fault_ends_s:
-            return self._fault
+            return self._fault[0], f"{self._fault[1]} (corrections begin in {self._fault_ends_s - now_s:.0f} s)"
         return state, reason
 
     def _automatic(self) -> bool:
@@ -427,8 +428,8 @@ class Watcher:
         px = float(np.abs(change[layout.all_geometry]).max())
         light = float(np.abs(change[np.concatenate([layout.all_gains, layout.ambient])]).max())
         share = min(1.0, PX_PER_S * step_s / max(px, 1e-9), LIGHT_PER_S * step_s / max(light, 1e-9))
-        if self._jumped or px > JUMP_PX:
-            share, self._jumped = 1.0, False
+        if px > JUMP_PX:
+            share = 1.0
         self._applied = self._applied + share * change
 
     def _approach_gains(self, step_s: float) -> None:

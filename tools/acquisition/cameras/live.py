@@ -42,10 +42,10 @@ class CameraDevice(Protocol):
         """Set the exposure time of the frames that follow; InputError if the camera does not obey."""
 
     def skip(self) -> None:
-        """Wait for one frame, and leave it unread."""
+        """Wait for one frame, and leave it unread. Cameras that buffer no frames do nothing."""
 
     def last(self) -> Shot:
-        """Read the frame for which `skip` has waited."""
+        """Read the frame for which `skip` has waited, or take one."""
 
     def frame(self) -> Shot:
         """Wait for the next frame, and read it."""
