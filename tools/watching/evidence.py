@@ -26,7 +26,6 @@ from counterlight.tools.watching.timeline import Exposed
 from counterlight.tools.watching.view import RoomView
 
 GEOMETRY, CHANNELS, CAMERA = 8, 3, 3
-DELAYS = 2  # unknowns of a camera's delay: the mean, and the change from the middle to the lower edge
 FIELD = 3, 4  # rows and columns of the ambient field
 MODEL, FLOOR = 0.02, 0.001  # errors of the model, shares of the predicted light and of white
 MISPLACED = 0.1  # error of T, in projector pixels along the gradient of the picture
@@ -357,7 +356,7 @@ def _fitted(
 
 
 def _rows(view: RoomView) -> FloatArray:
-    """Return what each block's delay is made of, (blocks, cameras · DELAYS): per camera, 1 and the place of the row."""
+    """Return the factors of each camera's delays, its mean and its change to the lower edge: (blocks, 2 · cameras)."""
     found = []
     for own in view.cameras:
         grid = own.reshape(view.shape)

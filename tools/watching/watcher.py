@@ -188,7 +188,7 @@ class Watcher:
         """Return the correction to apply, and why."""
         state, reason = self._steady(now_s, *self._state(now_s))
         estimate, step_s = self._estimate, min(now_s - self._answered_s, 1.0)
-        if state in ("camera moved", "camera changed"):
+        if state in WITHOUT_CORRECTIONS_S:
             if self._history:
                 self._applied, self._gains = self._history[0]  # from before the camera changed
                 estimate.applied = self._applied
