@@ -96,6 +96,16 @@ def test_how_much_is_seen_does_not_depend_on_paint() -> None:
     np.testing.assert_allclose(seen(transport_of(T), np.ones(24, bool)), [1] * 7 + [0])
 
 
+def test_a_pixel_that_glass_scatters_over_the_view_makes_no_other_pixel_seem_unseen() -> None:
+    T = np.zeros((400, 900))  # most projector pixels are unseen
+    T[range(400), range(400)] = 1
+    T[:, 400] = 0.3
+    visibility = seen(transport_of(T), np.ones(400, bool))
+    np.testing.assert_allclose(visibility[:400], 1)
+    assert visibility[400] > 100
+    np.testing.assert_array_equal(visibility[401:], 0)
+
+
 def test_a_pixel_of_less_than_no_light_is_held_like_one_that_nobody_sees() -> None:
     """Factors of a dense T may give a pixel a slightly negative value; N of T⁺ was then not positive definite."""
     T = np.kron(np.eye(12), np.ones((2, 1)))

@@ -202,9 +202,14 @@ def _largest_of_rows(rows: SparseRows) -> FloatArray:
 
 
 def _relative_to_usual(count: FloatArray) -> FloatArray:
-    """Scale counts so that the median of the larger counts is 1."""
-    most = count[count > FEW * count.max(initial=0.0)]
-    return np.asarray(count / np.median(most) if most.size else count)
+    """Scale counts so that half of their sum belongs to counts up to 1.
+
+    Neither the many pixels that no camera sees nor a few whose light a pane scatters over the view change this scale.
+    """
+    ordered = np.sort(count)
+    sums = np.cumsum(ordered)
+    usual = ordered[np.searchsorted(sums, sums[-1] / 2)] if count.size else 0.0
+    return np.asarray(count / usual if usual > 0 else count)
 
 
 def _made(rows: SparseRows, total: FloatArray) -> FloatArray:
