@@ -35,7 +35,7 @@ def test_a_drift_is_found_in_the_film_and_corrected(
     with show(xvfb, tmp_path, room, film, *words) as (process, client):
 
         def found() -> bool:
-            return abs((client.get("watch-state").get("moved_px") or 0.0) - 1.0) < TOLERANCE_PX
+            return abs((client.get("watch-state").get("moved_px") or 0.0) - max(MOVED_PX)) < TOLERANCE_PX
 
         wait_until(found, "the drift", process)
         assert client.get("watch-state")["state"] in ("correcting", "holding")

@@ -206,10 +206,10 @@ def _relative_to_usual(count: FloatArray) -> FloatArray:
 
     Neither the many pixels that no camera sees nor a few whose light a pane scatters over the view change this scale.
     """
-    ordered = np.sort(count)
-    sums = np.cumsum(ordered)
-    usual = ordered[np.searchsorted(sums, sums[-1] / 2)] if count.size else 0.0
-    return np.asarray(count / usual if usual > 0 else count)
+    share = np.maximum(count, 0)  # an imported T may hold slightly negative values
+    if not share.any():
+        return count
+    return np.asarray(count / np.quantile(share, 0.5, weights=share, method="inverted_cdf"))
 
 
 def _made(rows: SparseRows, total: FloatArray) -> FloatArray:
