@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from queue import Queue
 from threading import Thread
-from typing import BinaryIO, TextIO
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -38,9 +39,9 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredCalibration:
 class _Watched:
     """A running watcher and its answers."""
 
-    def __init__(self, printed: TextIO, messages: BinaryIO) -> None:
-        self._printed, self._messages, self.answers = printed, messages, Queue[Answer]()
-        self.listener = Thread(target=self._listen, daemon=True)
+    def __init__(self, process: "subprocess.Popen[str]", messages: BinaryIO) -> None:
+        self._printed, self._messages, self.answers = process.stdout, messages, Queue[Answer]()
+        self.process, self.listener = process.pid, Thread(target=self._listen, daemon=True)
         self.listener.start()
 
     def send(self, message: watch_link.Message) -> None:
@@ -61,6 +62,7 @@ class _Watched:
                 return answer
 
     def _listen(self) -> None:
+        assert self._printed
         for line in self._printed:
             self.answers.put(Answer.parse(line.encode()))
 
@@ -73,8 +75,7 @@ def watching(
     words = sys.executable, "-m", "counterlight.tools.watching"
     with running(*words, errors=None, given=readable) as process, open(writable, "wb", buffering=0) as messages:
         os.close(readable)
-        assert process.stdout
-        watched = _Watched(process.stdout, messages)
+        watched = _Watched(process, messages)
         watched.send(Start(str(stored.folder), (camera,), (), factor, 1 / 60, str(folder), record=record))
         yield watched
         messages.close()
