@@ -97,10 +97,10 @@ def on(display: str) -> dict[str, str]:
 
 @contextmanager
 def running(
-    *words: object, folder: Path | None = None, errors: int | None = subprocess.PIPE, **environment: str
+    *words: object, folder: Path | None = None, errors: int | None = subprocess.PIPE, given: int = 0, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:
     """Start a program, and kill it at the end if it still runs."""
-    with started([*map(str, words)], environment, folder=folder, errors=errors) as process:
+    with started([*map(str, words)], environment, folder=folder, errors=errors, given=given) as process:
         yield process
 
 
@@ -111,19 +111,22 @@ def started(
     *,
     folder: Path | None = None,
     errors: int | None = subprocess.PIPE,
+    given: int = 0,
 ) -> Iterator[subprocess.Popen[str]]:
     """Start a verb, `python -m` or `python -c` as a copy of the warm interpreter (warm_start.py).
 
-    Any other program starts in a new process.
+    Any other program starts in a new process. `given` is the descriptor of its standard input.
     """
     variables = os.environ | environment
     process: Any
     of_python = words[0] == sys.executable and words[1] in ("-m", "-c")
     warm = of_python or words[0] == script("counterlight")
     if not warm or "FRESH" in os.environ or read_early(variables):
-        process = subprocess.Popen(words, env=variables, cwd=folder, stdout=subprocess.PIPE, stderr=errors, text=True)
+        process = subprocess.Popen(
+            words, env=variables, cwd=folder, stdin=given, stdout=subprocess.PIPE, stderr=errors, text=True
+        )
     else:
-        process = Copy(words[of_python:], variables, folder or Path.cwd(), errors)
+        process = Copy(words[of_python:], variables, folder or Path.cwd(), errors, given)
     try:
         yield process
     finally:

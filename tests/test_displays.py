@@ -18,12 +18,13 @@ from counterlight.response import Response
 from counterlight.show.command_line import read_options
 from counterlight.show.from_options import monitors_of, room_of
 from counterlight.show.room_in_use import RoomInUse
+from counterlight.tools import join_projectors
 from counterlight.tools.inverse.near_light import Conditions, InverseOptions, invert_near_light
 from counterlight.tools.joining.projectors import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
-from tests.programs import fail, here
+from tests.programs import here, refusal_here
 from tests.scenes import SCENES
 
 POSITION = "position = [0.6, 0.2, 2.1]"  # the projector of the scene `wall`
@@ -163,16 +164,19 @@ def test_joint_rooms_are_joined_in_turn(tmp_path: Path, rng: np.random.Generator
     np.testing.assert_allclose(read_transport(three).apply(drive.reshape(-1, 3)), expected, rtol=1e-6, atol=1e-9)
 
 
-def test_each_projector_keeps_its_own_response(tmp_path: Path) -> None:
+def test_a_file_holds_the_raster_in_each_projectors_own_response(tmp_path: Path) -> None:
     """The raster's codes, converted by each projector's own response, equal the requested drive."""
     joint = join(write_halves(tmp_path, right_response="linear"), tmp_path / "joint")
     room = calibration.read(joint).calibration
     assert [device.response.kind for device in room.projectors] == ["srgb", "linear"]
-    here("build", joint, "--regularize", "0.1", "--no-refine")
+    here("build", joint, "--regularize", "0.1")
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((*CAMERA, 3), 120, np.uint8))
-    shown = "--dither", "none", "--output"
-    here("play", joint, tmp_path / "grey.png", *shown, tmp_path / "codes.png")
-    here("play", joint, tmp_path / "grey.png", *shown, tmp_path / "drive.exr")
+    for name, options in (("raster.png", ()), ("codes.png", ("--dither", "none")), ("drive.exr", ("--dither", "none"))):
+        here("play", joint, tmp_path / "grey.png", *options, "--output", tmp_path / name)
+    raster = cv2.imread(str(tmp_path / "raster.png"))
+    assert raster.shape == (LEFT[0], LEFT[1] + RIGHT[1], 3)
+    assert raster[RIGHT[0] :, LEFT[1] :].max() == 0
+    assert min(raster[: RIGHT[0], LEFT[1] :].mean(), raster[:, : LEFT[1]].mean()) > 20
     codes, drive = cv2.imread(str(tmp_path / "codes.png"))[..., ::-1] / 255, exr.read_rgb(tmp_path / "drive.exr")
     for device, own, meant in zip(
         room.projectors, pictures(codes, room.regions), pictures(drive, room.regions), strict=True
@@ -183,20 +187,20 @@ def test_each_projector_keeps_its_own_response(tmp_path: Path) -> None:
         assert meant.std() > 0.01
 
 
-def test_what_cannot_be_joined(tmp_path: Path) -> None:
+def test_what_cannot_be_joined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     left, right = write_halves(tmp_path)
     _, smaller = write_halves(tmp_path / "camera", right_camera=(20, 60))
     output = "-o", tmp_path / "joint"
-    assert "its camera has 60x20 pixels, that of" in fail("join", left, smaller, *output)
-    assert "1 calibration to join" in fail("join", left, *output)
-    assert "--monitor: 1 given for 2 projectors" in fail("join", left, right, *output, "--monitor", "A")
+    refused = partial(refusal_here, join_projectors.main, capsys, tmp_path)
+    assert "its camera has 60x20 pixels, that of" in refused(left, smaller, *output)
+    assert "1 calibration to join" in refused(left, *output)
+    assert "--monitor: 1 given for 2 projectors" in refused(left, right, *output, "--monitor", "A")
     bright = calibration.read(right).calibration
     lit = Calibration("lit", "", bright.projectors, bright.camera, bright.ambient + 0.1, bright.mask)
     with calibration.writing(tmp_path / "lit", lit) as stage:
         for path in right.glob("transport_*"):
             (stage / path.name).write_bytes(path.read_bytes())
-    assert "its ambient light differs from that of" in fail("join", left, tmp_path / "lit", *output)
-    assert not (tmp_path / "joint").exists()
+    assert "its ambient light differs from that of" in refused(left, tmp_path / "lit", *output)
 
 
 def test_a_raster_too_wide_for_a_picture_goes_on_below() -> None:
@@ -209,17 +213,6 @@ def test_a_raster_too_wide_for_a_picture_goes_on_below() -> None:
     wide = Device(9000, 16384, Response("linear"))
     with pytest.raises(InputError, match="size 16384x18000: expected 1 to 16384"):
         Calibration("wide", "", (projector, wide), camera, light, mask)
-
-
-def test_a_file_holds_the_raster(tmp_path: Path) -> None:
-    joint = join(write_halves(tmp_path), tmp_path / "joint")
-    here("build", joint, "--regularize", "0.1")
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full((*CAMERA, 3), 120, np.uint8))
-    here("play", joint, tmp_path / "grey.png", "--output", tmp_path / "raster.png")
-    raster = cv2.imread(str(tmp_path / "raster.png"))
-    assert raster.shape == (LEFT[0], LEFT[1] + RIGHT[1], 3)
-    assert raster[RIGHT[0] :, LEFT[1] :].max() == 0
-    assert min(raster[: RIGHT[0], LEFT[1] :].mean(), raster[:, : LEFT[1]].mean()) > 20
 
 
 def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ from counterlight import calibration, memory
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.pipeline.content import camera_psnr, reachable_white
+from counterlight.tools import import_transport
 from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 from counterlight.tools.factoring import factoring, passes
-from counterlight.tools.factoring.factoring import LIMITS, factored
+from counterlight.tools.factoring.factoring import LIMITS, Factoring, factored
 from counterlight.tools.factoring.losses import asked, compensated, measured
 from counterlight.tools.factoring.model import Grid, Model, Rows, fitted, split
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
@@ -25,7 +26,7 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import CHANNELS, Transport, channel, channels, far_light_of, stacked
 from tests.acquired_rooms import dense
 from tests.dense_rooms import CAMERA, PROJECTOR, SHAPE, direct, radiosity_corner, textured_glow, transport
-from tests.programs import fail, succeed
+from tests.programs import here, refusal_here, succeed
 from tests.rooms import blurred_transport
 
 DARK = np.zeros((*CAMERA, 3))
@@ -35,6 +36,12 @@ FLOAT32 = 3e-6  # relative to T·1: float32 entries, a few hundred per row
 @pytest.fixture(scope="module")
 def corner() -> Transport:
     return radiosity_corner()
+
+
+@pytest.fixture(scope="module")
+def factored_corner(corner: Transport) -> tuple[Transport, Factoring]:
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    return factored(corner, in_the_dark(corner))
 
 
 def projector_of(T: Transport) -> tuple[int, int]:
@@ -81,8 +88,10 @@ def test_light_between_textured_surfaces_is_found_and_sharp_light_stays_near(rng
     assert np.linalg.norm(seen - expected) <= 0.02 * np.linalg.norm(glow)
 
 
-def test_pictures_lose_by_the_box_optimum_what_was_said(corner: Transport) -> None:
-    found, done = factored(corner, in_the_dark(corner))
+def test_pictures_lose_by_the_box_optimum_what_was_said(
+    corner: Transport, factored_corner: tuple[Transport, Factoring]
+) -> None:
+    found, done = factored_corner
     assert done.losses, done.reason
     assert 10 * done.after <= done.before
     ambient, mask = in_the_dark(corner), directly_lit(corner, in_the_dark(corner), projector_of(corner))
@@ -176,12 +185,11 @@ def test_far_light_that_is_known_already_is_factored_anew(rng: np.random.Generat
     assert np.linalg.norm(dense(found) - dense(T)) <= 0.01 * np.linalg.norm(dense(T))
 
 
-def test_the_same_whatever_the_number_of_cores(corner: Transport) -> None:
-    made = []
-    for threads in (1, numba.config.NUMBA_NUM_THREADS):
-        numba.set_num_threads(threads)
-        made.append(factored(corner, in_the_dark(corner)))
-    (first, summary), (second, again) = made
+def test_the_same_whatever_the_number_of_cores(corner: Transport, factored_corner: tuple[Transport, Factoring]) -> None:
+    numba.set_num_threads(1)
+    first, summary = factored(corner, in_the_dark(corner))
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    second, again = factored_corner
     assert summary == again
     assert first.far is not None
     assert second.far is not None
@@ -270,10 +278,10 @@ def test_more_pixels_than_nodes_can_serve_are_left_alone(corner: Transport, monk
     assert "too many nodes" in done.reason
 
 
-def test_a_stricter_tolerance_is_kept(corner: Transport) -> None:
-    loose, strict = (factored(corner, in_the_dark(corner), tolerance)[1] for tolerance in (0.3, 0.01))
+def test_a_stricter_tolerance_is_kept(corner: Transport, factored_corner: tuple[Transport, Factoring]) -> None:
+    _, strict = factored(corner, in_the_dark(corner), 0.01)
     assert max(strict.losses.values()) <= 0.01
-    assert loose.after <= strict.after
+    assert factored_corner[1].after <= strict.after
 
 
 def test_what_one_pass_says_of_all_limits_is_what_each_split_misses(
@@ -346,7 +354,7 @@ def test_an_imported_corner_is_factored_built_and_played(tmp_path: Path, corner:
     said = succeed("import-transport", *given, "-o", tmp_path / "factored")
     assert "dense T factored: " in said
     assert "pictures lose, in dB: photograph 0.0" in said
-    kept = succeed("import-transport", *given, "-o", tmp_path / "dense", "--tolerance", "0")
+    kept = here("import-transport", *given, "-o", tmp_path / "dense", "--tolerance", "0")
     assert "T is left as it is" in kept
     rooms = {name: calibration.read(tmp_path / name) for name in ("factored", "dense")}
     transports = {name: read_transport(room) for name, room in rooms.items()}
@@ -362,10 +370,10 @@ def test_an_imported_corner_is_factored_built_and_played(tmp_path: Path, corner:
     exr.write_rgb(picture, desired.astype(np.float32))
     seen = {}
     for name in rooms:
-        succeed("build", tmp_path / name)
+        here("build", tmp_path / name)
         drive, view = tmp_path / f"{name}.exr", tmp_path / f"{name}_view.exr"
-        succeed("play", tmp_path / name, picture, "--no-config", "--refine", "64", "--output", drive)
-        succeed("play", tmp_path / name, picture, "--no-config", "--refine", "64", "--output", view, "--view", "camera")
+        here("play", tmp_path / name, picture, "--no-config", "--refine", "64", "--output", drive)
+        here("play", tmp_path / name, picture, "--no-config", "--refine", "64", "--output", view, "--view", "camera")
         p = exr.read_rgb(drive).astype(np.float64)
         seen[name] = corner.apply(p).reshape(desired.shape)
         # The player's prediction from the factors equals T times the drive, up to the dropped light.
@@ -375,11 +383,12 @@ def test_an_imported_corner_is_factored_built_and_played(tmp_path: Path, corner:
 
 
 @pytest.mark.parametrize("tolerance", ["-1", "nan", "11", "much"])
-def test_a_tolerance_that_is_none_writes_nothing(tmp_path: Path, rng: np.random.Generator, tolerance: str) -> None:
-    given = write_matrices(tmp_path, transport([direct(rng)] * 3))
-    line = fail("import-transport", *given, "-o", tmp_path / "room", f"--tolerance={tolerance}")
+def test_a_tolerance_that_is_none_writes_nothing(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str], tolerance: str
+) -> None:
+    words = *write_matrices(tmp_path, transport([direct(rng)] * 3)), "-o", tmp_path / "room"
+    line = refusal_here(import_transport.main, capsys, tmp_path, *words, f"--tolerance={tolerance}")
     assert f"--tolerance {tolerance}: expected 0 (T stays as it is) to 10 dB" in line
-    assert not (tmp_path / "room").exists()
 
 
 def test_python_factors_too(corner: Transport) -> None:

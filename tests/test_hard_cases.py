@@ -204,13 +204,13 @@ def test_a_map_beyond_float32_is_refused(method: str) -> None:
         METHODS[method](hard.denormal_weights())
 
 
-@pytest.mark.parametrize("factor", [1e-6, 1e6])
 @pytest.mark.parametrize("method", METHODS)
-def test_another_unit_of_radiance_changes_no_drive(factor: float, method: str) -> None:
+def test_another_unit_of_radiance_changes_no_drive(method: str) -> None:
     for case in (WALLS[1e4], hard.rank_deficient((12, 12))):
         expected = drive(case, method)
         tolerance = 20 * FLOAT32_EPS * hard_cases.measure(case, method).amplification if "map" in method else 1e-6
-        np.testing.assert_allclose(drive(hard.rescaled(case, factor), method), expected, atol=max(tolerance, 1e-6))
+        for factor in (1e-6, 1e6):
+            np.testing.assert_allclose(drive(hard.rescaled(case, factor), method), expected, atol=max(tolerance, 1e-6))
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS if "auto" not in name])
@@ -249,12 +249,11 @@ def test_a_white_target_asks_for_white(method: str) -> None:
 def test_out_of_reach_no_method_beats_the_box_optimum(name: str) -> None:
     """Damping avoids the errors of a plain inverse with the clamp."""
     case = TARGETS[name]
-    best = case.error(drive(case, "box"))
+    errors = {method: case.error(drive(case, method)) for method in METHODS}
     optimum = lsq_linear(case.dense, case.target, (0, 1), method="trf", tol=1e-12).x
-    assert best == pytest.approx(case.error(optimum), rel=TOLERANCE)
-    for method in METHODS:
-        assert case.error(drive(case, method)) >= best * (1 - TOLERANCE)
-    assert case.error(drive(case, "map 0.1")) <= case.error(drive(case, "map none"))
+    assert errors["box"] == pytest.approx(case.error(optimum), rel=TOLERANCE)
+    assert min(errors.values()) >= errors["box"] * (1 - TOLERANCE)
+    assert errors["map 0.1"] <= errors["map none"]
 
 
 @pytest.mark.parametrize("method", BOUNDED)

@@ -9,6 +9,7 @@ With T = U Σ Vᵀ and T⁺ = V (Σ/(Σ² + λ²)) Uᵀ (Hansen 1998, 4.2):
 """
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,6 +29,12 @@ FloatArray = NDArray[np.float64]
 SEEDS = range(8)
 
 
+@cache
+def map_of_wall(condition: float, damping: float | None) -> tuple[FloatArray, float]:
+    """Returns dense T⁺ of a wall, and its λ; neither depends on the target."""
+    return matrix_of(WALLS[condition], damping)
+
+
 def filtered_inverse(T: FloatArray, damping: float) -> FloatArray:
     """Returns V (Σ/(Σ² + λ²)) Uᵀ from the singular value decomposition, exact where normal equations are not."""
     U, sigma, Vt = np.linalg.svd(T, full_matrices=False)
@@ -37,13 +44,13 @@ def filtered_inverse(T: FloatArray, damping: float) -> FloatArray:
 @pytest.mark.parametrize("condition", CONDITIONS)
 @pytest.mark.parametrize("fraction", [0.01, 0.1, None])
 def test_a_damped_map_amplifies_noise_by_at_most_1_over_2_lambda(condition: float, fraction: float | None) -> None:
-    T_pinv, damping = matrix_of(WALLS[condition], fraction)
+    T_pinv, damping = map_of_wall(condition, fraction)
     assert np.linalg.norm(T_pinv, 2) <= (1 + 1e-5) / (2 * damping)  # float32 weights
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_a_plain_map_amplifies_noise_by_at_most_the_cut_off(condition: float) -> None:
-    T_pinv, _ = matrix_of(WALLS[condition], 0.0)
+    T_pinv, _ = map_of_wall(condition, 0.0)
     largest = np.linalg.norm(T_pinv, 2)
     # float32 weights as large as the cut-off allows
     assert largest <= 1.01 / cut_off(WALLS[condition].dense)
@@ -65,7 +72,7 @@ def test_what_is_within_reach_is_lost_by_no_more_than_the_method_states(conditio
     case = replace(WALLS[condition], target=WALLS[condition].T @ p)
     residual = np.linalg.norm(case.T @ unclamped(case, method) - case.target)
     if method.startswith("map 0"):
-        _, damping = matrix_of(case, MAPS[method])
+        _, damping = map_of_wall(condition, MAPS[method])
         assert residual <= (damping / 2 + 1e-5) * np.linalg.norm(p)
     elif method in SQUARES:
         rounding = 1e-3 if "map" in method else 1e-12  # float32 weights of up to 1 / cut-off, of both signs
@@ -122,7 +129,7 @@ def test_capture_noise_reaches_the_drive_within_the_proven_bound(share: float, f
 
 @pytest.mark.parametrize("fraction", [0.01, 0.1])
 def test_noise_in_the_picture_reaches_the_drive_within_the_bound(fraction: float) -> None:
-    T_pinv, damping = matrix_of(WALLS[1e8], fraction)
+    T_pinv, damping = map_of_wall(1e8, fraction)
     clean = T_pinv @ WALLS[1e8].target
     for seed in SEEDS:
         for share in (0.01, 0.05):

@@ -193,7 +193,7 @@ def test_what_has_changed_is_distinguished(
     stored = calibration.read(wall)
     shutil.rmtree(wall / "drift", ignore_errors=True)
     write_changed(tmp_path / "now", stored, **how)
-    code = verify_projection.main([str(wall), "--camera", f"simulated:{tmp_path / 'now'}"])
+    code = verify_projection.main([str(wall), "--camera", f"simulated:{tmp_path / 'now'}", "--no-preflight"])
     printed, _, action = capsys.readouterr().out.partition("; next: ")
     assert re.match(said, printed), printed
     assert action.startswith("counterlight play " if undone else "counterlight acquire --camera ")
@@ -208,7 +208,7 @@ def test_nothing_is_corrected_unasked_and_what_came_back_is_forgotten(
     stored = calibration.read(wall)
     shutil.rmtree(wall / "drift", ignore_errors=True)
     write_changed(tmp_path / "now", stored, shift=(0.8, 0.6))
-    now, then = (["--camera", f"simulated:{room}"] for room in (tmp_path / "now", wall))
+    now, then = (["--no-preflight", "--camera", f"simulated:{room}"] for room in (tmp_path / "now", wall))
     assert verify_projection.main([str(wall), *now, "--no-correct"]) == 0
     assert ": not corrected; next: counterlight verify " in capsys.readouterr().out
     assert read_drift(stored) is None
@@ -235,7 +235,7 @@ def test_a_corrected_picture_arrives_as_it_would_have(wall: Path, tmp_path: Path
         output = io.StringIO()
         with redirect_stdout(output):
             command = [str(wall), str(tmp_path / "picture.png"), "--camera", f"simulated:{room}", *words]
-            assert verify_projection.main(command) == 0
+            assert verify_projection.main([*command, "--no-preflight"]) == 0
         found = re.search(r"measured (\S+) dB", output.getvalue())
         assert found
         return float(found[1])
@@ -279,7 +279,7 @@ def test_every_projector_of_a_raster_is_found_where_it_is(tmp_path: Path, capsys
     shifts = [(0.8, 0.6), (-1.5, 0.3)]
     write_changed(tmp_path / "now", stored, shifts=shifts)
     capsys.readouterr()
-    assert verify_projection.main([str(room), "--camera", f"simulated:{tmp_path / 'now'}"]) == 0
+    assert verify_projection.main([str(room), "--camera", f"simulated:{tmp_path / 'now'}", "--no-preflight"]) == 0
     said = capsys.readouterr().out
     assert "projector 1's picture has moved by" in said
     assert "; projector 2's picture has moved by" in said
@@ -294,7 +294,7 @@ def test_a_watch_goes_on_until_it_is_ended_whether_or_not_a_player_listens(wall:
     room = shutil.copytree(wall, tmp_path / "room", ignore=shutil.ignore_patterns("drift"))
     write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, 0.6))
     words = "--camera", f"simulated:{tmp_path / 'now'}", "--watch", "0.1", "--control", tmp_path / "nobody"
-    with running(*verb("verify"), room, *words) as process:
+    with running(*verb("verify"), room, *words, "--no-preflight") as process:
         assert process.stdout
         assert process.stderr
         lines = [process.stdout.readline() for _ in range(3)]
@@ -361,13 +361,13 @@ def test_the_share_inside_the_interval_of_a_room_is_printed(
     picture = tmp_path / "picture.png"
     cv2.imwrite(str(picture), np.full((*stored.calibration.camera.shape, 3), 120, np.uint8))
     cells = tuple(-(-side // CELL) for side in stored.calibration.camera.shape)
-    shares = []
+    camera, shares = ("--camera", f"simulated:{wall}", "--no-preflight"), []
     for width in (1e3, 1e-9):
         room = tmp_path / f"{width}"
         with calibration.writing(room, stored.calibration) as stage:
             write_transport(read_transport(stored), stage)
             write_interval(Interval(np.full((3, 2), width**2), np.ones((*cells, 3), np.float32)), stage)
-        assert verify_projection.main([str(room), str(picture), "--camera", f"simulated:{wall}"]) == 0
+        assert verify_projection.main([str(room), str(picture), *camera]) == 0
         printed = capsys.readouterr().out
         found = COVERED.search(printed)
         assert found, printed
@@ -377,5 +377,5 @@ def test_the_share_inside_the_interval_of_a_room_is_printed(
         low, high = 200 * width / white, 200 * width / white * np.sqrt(1 + white)
         assert low - 0.006 <= float(found["width"]) <= high * 1.001 + 0.006  # two decimals are printed
     assert shares == [[100] * 4, pytest.approx([0] * 4, abs=2)]
-    assert verify_projection.main([str(wall), str(picture), "--camera", f"simulated:{wall}"]) == 0
+    assert verify_projection.main([str(wall), str(picture), *camera]) == 0
     assert "interval" not in capsys.readouterr().out

@@ -29,9 +29,9 @@ from tests.rig.rooms import ROOMS
 from tests.rig.watching import WatchCamera, dust, since
 from tests.watched_films import FRAMES_PER_S, Film, Scene, watched
 
-SCALE, CHANGE_S, END_S = 0.4, 8.0, 24.0
+SCALE, CHANGE_S, END_S = 0.4, 8.0, 19.0
 CALM = Devices(projector=Projector(gammas=None))
-NEAR_PX, NEAR_LIGHT = 0.06, 0.015  # a film of 16 s after the change; 64x48 camera pixels of 8 bits
+NEAR_PX, NEAR_LIGHT = 0.06, 0.015  # a film of 11 s after the change; 64x48 camera pixels of 8 bits
 RARELY_S = 6.0  # between captures that teach the same in less processor time
 STILL_PX = 0.02  # noise of the picture's middle, if nothing has moved
 

@@ -1,5 +1,6 @@
 """The watcher's process, between a player that sends frames and a camera: a moved picture, and a camera that fails."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from queue import Queue
 from threading import Thread
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ from counterlight.unattended import watch_link
 from counterlight.unattended.watch_link import Answer, Light, Picture, Situation, Start
 from tests.drifted_rooms import write_changed
 from tests.oracles.formulas import grid_means
-from tests.programs import PATIENCE_S, ROOT, succeed
+from tests.programs import PATIENCE_S, here, running
 
 SHIFT = 0.5, -0.25
 NEAR = 0.05  # in pixels; boxes of light and interpolated pictures differ by this much in detail
@@ -30,21 +32,20 @@ NEAR = 0.05  # in pixels; boxes of light and interpolated pictures differ by thi
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredCalibration:
     folder = tmp_path_factory.mktemp("watched") / "room"
-    succeed("simulate", "wall", "-o", folder, "--projector", "64x48", "--camera", "80x60")
+    here("simulate", "wall", "-o", folder, "--projector", "64x48", "--camera", "80x60")
     return calibration.read(folder)
 
 
 class _Watched:
     """A running watcher and its answers."""
 
-    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
-        self._process, self.process, self.answers = process, process.pid, Queue[Answer]()
-        Thread(target=self._listen, daemon=True).start()
+    def __init__(self, process: "subprocess.Popen[str]", messages: BinaryIO) -> None:
+        self._printed, self._messages, self.answers = process.stdout, messages, Queue[Answer]()
+        self.process, self.listener = process.pid, Thread(target=self._listen, daemon=True)
+        self.listener.start()
 
     def send(self, message: watch_link.Message) -> None:
-        assert self._process.stdin
-        self._process.stdin.write(watch_link.packed(message))
-        self._process.stdin.flush()
+        self._messages.write(watch_link.packed(message))
 
     def show(self, drive: np.ndarray) -> None:
         """Show a picture at this moment."""
@@ -61,23 +62,25 @@ class _Watched:
                 return answer
 
     def _listen(self) -> None:
-        assert self._process.stdout
-        for line in self._process.stdout:
-            self.answers.put(Answer.parse(line))
+        assert self._printed
+        for line in self._printed:
+            self.answers.put(Answer.parse(line.encode()))
 
 
 @contextmanager
 def watching(
     stored: StoredCalibration, camera: str, folder: Path, record: str = "", factor: int = 1
 ) -> Iterator[_Watched]:
-    words = [sys.executable, "-P", "-m", "counterlight.tools.watching"]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as process:
-        watched = _Watched(process)
+    readable, writable = os.pipe()
+    words = sys.executable, "-m", "counterlight.tools.watching"
+    with running(*words, errors=None, given=readable) as process, open(writable, "wb", buffering=0) as messages:
+        os.close(readable)
+        watched = _Watched(process, messages)
         watched.send(Start(str(stored.folder), (camera,), (), factor, 1 / 60, str(folder), record=record))
         yield watched
-        assert process.stdin
-        process.stdin.close()
+        messages.close()
         assert process.wait(PATIENCE_S) == 0
+        watched.listener.join()
 
 
 def test_a_moved_picture_is_found_from_the_film(

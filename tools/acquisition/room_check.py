@@ -209,21 +209,22 @@ def changed_exposures(gains: FloatArray) -> FloatArray:
     """
     logs = np.log(gains)
     count = gains.shape[1]
-    found = [_factors(logs, held) for held in range(count)]
-    exposures = min((q for q, _ in found), key=lambda q: _changes(logs, q))
+    exposures = min((_factors(logs, held) for held in range(count)), key=lambda q: _changes(logs, q))
     factors = np.exp(exposures)
     unchanged = np.abs(factors - 1).max(axis=1) <= CHANGED
     return np.where(unchanged[:, None], 1.0, factors)
 
 
-def _factors(logs: FloatArray, held: int) -> tuple[FloatArray, FloatArray]:
-    """Returns log q (cameras, 3) and log p (projectors, 3), by medians, with q of camera `held` fixed at 1."""
+def _factors(logs: FloatArray, held: int) -> FloatArray:
+    """Returns log q (cameras, 3) by medians, with q of camera `held` fixed at 1."""
     q = np.zeros(logs.shape[1:])
     for _ in range(ROUNDS):
-        p = _median(logs - q, 1)
+        before, p = q, _median(logs - q, 1)
         q = _median(logs - p[:, None], 0)
         q -= q[held]
-    return q, p
+        if np.array_equal(q, before):
+            break
+    return q
 
 
 def _changes(logs: FloatArray, q: FloatArray) -> int:

@@ -348,9 +348,11 @@ def _fitted(
     for _ in range(ROUNDS):
         left = residual - np.stack([z @ x for z in Z], axis=1)
         weights = valid[:, None] * weight(left / (_scale(left[valid]) if valid.any() else 1.0))
-        weighted = [weights[:, k, None] * z for k, z in enumerate(Z)]
-        H = sum((w.T @ z for w, z in zip(weighted, Z, strict=True)), np.zeros((x.size, x.size)))
-        b = sum((w.T @ residual[:, k] for k, w in enumerate(weighted)), np.zeros(x.size))
+        H, b = np.zeros((x.size, x.size)), np.zeros(x.size)
+        for k, z in enumerate(Z):
+            weighted = (weights[:, k, None] * z).T
+            H += weighted @ z
+            b += weighted @ residual[:, k]
         x = np.asarray(np.linalg.lstsq(H, b, rcond=1e-8)[0], np.float64)
     return x
 
