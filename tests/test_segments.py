@@ -19,7 +19,7 @@ from counterlight.show import into_file
 from counterlight.show.rendering import Stretch
 from counterlight.show.segmented import Film, divide, look_through, within_shots
 from tests.media import write_video
-from tests.programs import descendants, here, running, verb, wait_until
+from tests.programs import descendants, error_here, here, running, verb, wait_until
 from tests.rooms import write_blurred_room
 
 SHOT, SHOTS = 8, 3
@@ -213,14 +213,6 @@ def test_segments_of_another_rendering_are_not_taken(
     assert packets(tmp_path / "o.mkv") == packets(whole)
 
 
-def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    """Play in this process, which must be refused, and return the only line of error output."""
-    assert app.main([str(word) for word in words]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: ")
-    return line
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -234,7 +226,7 @@ def test_what_cannot_be_divided_is_one_line(
     furnished: Path, tmp_path: Path, words: tuple[str, ...], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = furnished / "room", furnished / "film.mkv", "--output", tmp_path / "o.mkv"
-    assert expected in refusal(capsys, *files, *BACKEND, *words)
+    assert expected in error_here(app.main, capsys, *files, *BACKEND, *words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -253,7 +245,7 @@ def test_a_folder_that_is_not_ours_stays(
     (tmp_path / "o.mkv.segments" / "letter.txt").write_text("dear")
     (tmp_path / "o.mkv.segments" / "plan.json").write_text(plan)
     words = furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv", "--segments", "3"
-    assert expected in refusal(capsys, *words)
+    assert expected in error_here(app.main, capsys, *words)
     assert (tmp_path / "o.mkv.segments" / "letter.txt").read_text() == "dear"
 
 
@@ -264,7 +256,7 @@ def test_a_single_picture_has_no_segments(furnished: Path, tmp_path: Path, capsy
 
 def test_in_a_window_segments_mean_nothing(furnished: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = furnished / "room", furnished / "film.mkv", "--segments", "2"
-    assert "--segments 2: is for --output" in refusal(capsys, *words)
+    assert "--segments 2: is for --output" in error_here(app.main, capsys, *words)
 
 
 def test_a_film_is_looked_through_for_its_cuts(furnished: Path) -> None:
