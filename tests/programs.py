@@ -80,6 +80,14 @@ def refusal_here(
     return line
 
 
+def error_here(main: Callable[[Sequence[str]], int], capsys: "pytest.CaptureFixture[str]", *arguments: object) -> str:
+    """Run a command's `main` that must be refused, and return its only line of error output."""
+    assert main([str(each) for each in arguments]) == 2
+    line = capsys.readouterr().err.removesuffix("\n")
+    assert re.fullmatch("error: .+", line)
+    return line
+
+
 def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:
     """Run a command that must be refused, and return its only line of error output."""
     done = command(name, *arguments, **environment)

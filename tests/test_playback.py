@@ -1,7 +1,9 @@
 """A real clip and decoder against a simulated clock: frames shown when rendering is slow."""
 
 import time
+from collections.abc import Callable
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -85,6 +87,15 @@ def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: An
     return session, screen
 
 
+Play = Callable[[float], tuple[Session, SlowScreen]]
+
+
+@pytest.fixture(scope="module")
+def whole(clip: Path) -> Play:
+    """Return a function that plays the whole clip at a rendering time, once for all tests."""
+    return cache(lambda rendering_s: played(clip, rendering_s))
+
+
 @pytest.fixture(params=[0.07, 0.3, 0.5, 1.1])
 def rendering_s(request: pytest.FixtureRequest) -> float:
     """Return rendering times of 2 to 28 frame times. The decoder's ring holds 8 frames."""
@@ -99,29 +110,29 @@ def test_what_is_shown_is_never_later_than_a_frame_time_and_a_rendering(clip: Pa
     assert len(screen.uploaded) > 1
 
 
-def test_the_end_comes_when_it_should_and_its_last_picture_is_shown(clip: Path, rendering_s: float) -> None:
-    session, screen = played(clip, rendering_s)
+def test_the_end_comes_when_it_should_and_its_last_picture_is_shown(whole: Play, rendering_s: float) -> None:
+    session, screen = whole(rendering_s)
     assert screen.uploaded[-1] == FRAMES - 1
     assert session.stats.frames >= FRAMES / RATE / (rendering_s + 2 * FRAME_S)
 
 
-def test_every_picture_is_either_shown_or_counted_as_dropped(clip: Path, rendering_s: float) -> None:
-    session, screen = played(clip, rendering_s)
+def test_every_picture_is_either_shown_or_counted_as_dropped(whole: Play, rendering_s: float) -> None:
+    session, screen = whole(rendering_s)
     assert len(screen.uploaded) + session.stats.dropped == screen.uploaded[-1] + 1
     assert screen.uploaded == sorted(set(screen.uploaded))
 
 
-def test_a_fast_renderer_drops_nothing(clip: Path) -> None:
-    session, screen = played(clip, 0.03)
+def test_a_fast_renderer_drops_nothing(whole: Play) -> None:
+    session, screen = whole(0.03)
     assert screen.uploaded == list(range(FRAMES))
     assert session.stats.dropped == 0
     assert session.stats.percentile_ms("late", 100) < 1000 * (0.03 + FRAME_S)
 
 
 @pytest.mark.parametrize(("rendering_s", "every"), [(0.03, 1), (0.045, 2), (0.07, 2), (0.105, 3), (0.3, 8)])
-def test_a_slow_renderer_shows_every_nth_frame(clip: Path, rendering_s: float, every: int) -> None:
+def test_a_slow_renderer_shows_every_nth_frame(whole: Play, rendering_s: float, every: int) -> None:
     """After a few seconds, the intervals are equal. The last frame is shown, whatever its number."""
-    session, screen = played(clip, rendering_s)
+    session, screen = whole(rendering_s)
     settled = [number for number in screen.uploaded if number > FRAMES / 2][:-1]
     assert set(np.diff(settled)) == {every}
     assert session.every == every

@@ -31,7 +31,7 @@ from counterlight.tools.shipped import CLIP
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.transport import Transport
-from tests.programs import command, fail, on, succeed
+from tests.programs import command, error_here, fail, here, on, succeed
 from tests.rooms import write_blurred_room
 
 ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
@@ -106,7 +106,7 @@ def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_p
     asked = transport.apply(drive.reshape(-1, 3)).reshape(*ROOM_CAMERA, 3) + stored.calibration.ambient
     exr.write_rgb(tmp_path / "c.exr", asked.astype(np.float32))
     files = folder, tmp_path / "c.exr", "--output", tmp_path / "seen.exr"
-    succeed("play", *files, "--view", "camera", "--refine", "0")
+    here("play", *files, "--view", "camera", "--refine", "0")
     seen = exr.read_rgb(tmp_path / "seen.exr")
     # damping of 0.02 σ₁ shrinks the result by about λ²/σ²
     assert np.sqrt(np.mean((seen - asked) ** 2)) < 0.005 * asked.max()
@@ -184,7 +184,7 @@ def test_sequences_are_numbered_and_lossless(room: Path, tmp_path: Path) -> None
 def test_compensation_is_what_raises_the_psnr(room: Path, tmp_path: Path) -> None:
     figures = []
     for option in ([], ["--no-compensation"]):
-        out = succeed("play", room, CLIP, "--output", tmp_path / "c.png", "--view", "camera", *option)
+        out = here("play", room, CLIP, "--output", tmp_path / "c.png", "--view", "camera", *option)
         match = re.search(r"camera PSNR (\d+\.\d) dB", out)
         assert match is not None
         figures.append(float(match.group(1)))
@@ -204,7 +204,7 @@ def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tm
     for steps in (0, 2, 8, 256):
         out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
         files = folder, tmp_path / "c.exr", "--output", out, "--stats", stats
-        succeed("play", *files, "--refine", steps)
+        here("play", *files, "--refine", steps)
         drive = exr.read_rgb(out).reshape(-1, 3).astype(float)
         errors.append(objective.value(drive, b).sum())
         plain.append(objective.unweighted.value(drive, b).sum())
@@ -324,10 +324,12 @@ def test_no_map_yet(tmp_path: Path) -> None:
         (["ROOM", "CLIP", "--frames", "1", "--output", "/proc/o%d.exr"], "cannot be written"),
     ],
 )
-def test_wrong_use_is_one_line(room: Path, tmp_path: Path, arguments: list[str], complaint: str) -> None:
+def test_wrong_use_is_one_line(
+    room: Path, tmp_path: Path, arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     names = {"ROOM": str(room), "CLIP": str(CLIP)}
     words = [names.get(word, word.replace("OUT", str(tmp_path)).replace("ROOM", str(room))) for word in arguments]
-    assert complaint in fail("play", *words)
+    assert complaint in error_here(app.main, capsys, *words)
     assert [path.name for path in tmp_path.iterdir()] == ["wall"]
 
 
@@ -348,7 +350,9 @@ def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
     assert (tmp_path / "o.png").exists()
 
 
-def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> None:
+def test_a_clip_that_ends_early_leaves_no_output(
+    room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     clip = tmp_path / "clip.mkv"
     with av.open(str(clip), "w") as container:
         stream = container.add_stream("mpeg4", rate=25)
@@ -359,7 +363,7 @@ def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> 
         container.mux(stream.encode(None))
     clip.write_bytes(clip.read_bytes()[: clip.stat().st_size // 2])
     for name in ("o.mp4", "o.mkv", "o%02d.png"):
-        assert "ends early" in fail("play", room, clip, "--output", tmp_path / name)
+        assert "ends early" in error_here(app.main, capsys, room, clip, "--output", tmp_path / name)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clip.mkv", "wall"]
 
 
@@ -371,9 +375,11 @@ def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> 
         (["--max-error", "-1"], "expected 0 to 255"),
     ],
 )
-def test_build_correction_map_refuses_wrong_options(room: Path, arguments: list[str], complaint: str) -> None:
+def test_build_correction_map_refuses_wrong_options(
+    room: Path, arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     before = (room / "correction" / "manifest.toml").read_bytes()
-    assert complaint in fail("build", room, *arguments)
+    assert complaint in error_here(build_correction_map.main, capsys, room, *arguments)
     assert (room / "correction" / "manifest.toml").read_bytes() == before
 
 
@@ -444,7 +450,7 @@ def test_frames_keep_their_times(room: Path, tmp_path: Path, suffix: str) -> Non
             frame.pts, frame.time_base = round(time_s * 1000), Fraction(1, 1000)
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
-    succeed("play", room, clip, "--output", rendered)
+    here("play", room, clip, "--output", rendered)
     with av.open(f"file:{rendered}") as container:
         found = [float(frame.time) for frame in container.decode(video=0)]
     np.testing.assert_allclose(found, times, atol=1.1e-3)  # Matroska states times in milliseconds

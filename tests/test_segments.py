@@ -2,20 +2,24 @@
 
 import json
 import os
+import pickle
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 
+from counterlight import app
+from counterlight.jobs.workers import Here, T
 from counterlight.media.video import MediaReader
+from counterlight.show import into_file
 from counterlight.show.rendering import Stretch
 from counterlight.show.segmented import Film, divide, look_through, within_shots
 from tests.media import write_video
-from tests.programs import command, descendants, fail, running, succeed, verb, wait_until
+from tests.programs import descendants, error_here, here, running, verb, wait_until
 from tests.rooms import write_blurred_room
 
 SHOT, SHOTS = 8, 3
@@ -28,7 +32,7 @@ def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a room with its maps, a film of three moving shots, and a film of one shot."""
     folder, rng = tmp_path_factory.mktemp("film"), np.random.default_rng(11)
     write_blurred_room(folder / "room", rng)
-    succeed("build", folder / "room")
+    here("build", folder / "room", "--regularize", "0.1")
     write_video(folder / "film.mkv", [picture for _ in range(SHOTS) for picture in shot(rng, SHOT)])
     write_video(folder / "shot.mkv", shot(rng, FRAMES))
     return folder
@@ -47,8 +51,20 @@ def packets(path: Path) -> list[tuple[bytes, int | None]]:
         return [(bytes(packet), packet.pts) for packet in container.demux() if packet.size]
 
 
+class InTurn(Here):
+    """Runs jobs one after the other in this process, where the code is loaded, but sends them as to another."""
+
+    def completed(self, jobs: Sequence[Callable[[], T]]) -> Generator[tuple[int, T]]:
+        return super().completed([pickle.loads(pickle.dumps(job)) for job in jobs])
+
+
+@pytest.fixture(autouse=True)
+def in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(into_file, "Processes", lambda count: InTurn())
+
+
 def render(folder: Path, output: Path, *words: object, film: str = "film.mkv") -> str:
-    return succeed("play", folder / "room", folder / film, *BACKEND, "--output", output, *words)
+    return here("play", folder / "room", folder / film, *BACKEND, "--output", output, *words)
 
 
 @pytest.fixture(scope="module")
@@ -57,17 +73,19 @@ def whole(furnished: Path) -> Path:
     return furnished / "whole.mkv"
 
 
-@pytest.mark.parametrize(("count", "words"), [(3, ()), (2, ("--flicker", "0.5", "--adapt", "5", "--view", "camera"))])
-def test_segments_are_joined_into_what_one_process_writes(
-    furnished: Path, tmp_path: Path, count: int, words: tuple[str, ...]
-) -> None:
+def test_segments_are_joined_into_what_one_process_writes(furnished: Path, tmp_path: Path) -> None:
+    words = "--flicker", "0.5", "--adapt", "5", "--view", "camera"
     render(furnished, tmp_path / "one.mkv", *words)
-    render(furnished, tmp_path / "many.mkv", *words, "--segments", count, "--stats", tmp_path / "stats.json")
-    stats = json.loads((tmp_path / "stats.json").read_text())
-    assert stats["segments"] == {"count": count, "within_shots": []}
-    assert stats["frames"] == FRAMES
+    render(furnished, tmp_path / "many.mkv", *words, "--segments", "2", "--stats", tmp_path / "stats.json")
+    assert_counted(tmp_path / "stats.json", 2)
     assert packets(tmp_path / "many.mkv") == packets(tmp_path / "one.mkv")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["many.mkv", "one.mkv", "stats.json"]
+
+
+def assert_counted(path: Path, count: int) -> None:
+    stats = json.loads(path.read_text())
+    assert stats["segments"] == {"count": count, "within_shots": []}
+    assert stats["frames"] == FRAMES
 
 
 def test_a_lossy_film_has_the_same_pictures_at_the_same_times(furnished: Path, tmp_path: Path, whole: Path) -> None:
@@ -110,25 +128,28 @@ def test_where_nothing_is_carried_from_frame_to_frame_any_frame_may_begin_a_segm
     assert packets(tmp_path / "many.mkv") == packets(tmp_path / "one.mkv")
 
 
-def test_a_film_of_one_shot_is_divided_only_if_asked_and_what_differs_is_said(furnished: Path, tmp_path: Path) -> None:
-    words = "play", furnished / "room", furnished / "shot.mkv", *BACKEND, "--output", tmp_path / "o.mkv"
-    said = command(*words, "--segments", "2").stderr
+def test_a_film_of_one_shot_is_divided_only_if_asked_and_what_differs_is_said(
+    furnished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "--segments", "2", "--stats", tmp_path / "stats.json"
+    render(furnished, tmp_path / "o.mkv", *words, film="shot.mkv")
+    said = capsys.readouterr().err
     assert f"--segments 2: only 1, for want of cuts (0 in {FRAMES} frames); --lead-in" in said
     alone = packets(tmp_path / "o.mkv")
-    done = command(*words, "--segments", "2", "--lead-in", "3", "--stats", tmp_path / "stats.json")
+    done = render(furnished, tmp_path / "o.mkv", *words, "--lead-in", "3", film="shot.mkv")
     joint = json.loads((tmp_path / "stats.json").read_text())["segments"]["within_shots"][0]
     assert joint["frame"] == FRAMES // 2
     assert joint["of"] == 30 * 40 * 3
     assert joint["differing"] > 0  # three frames of lead-in do not remove the effect of the start
-    assert f"divided within a shot at frame {FRAMES // 2}: {joint['differing']} of" in done.stdout
+    assert f"divided within a shot at frame {FRAMES // 2}: {joint['differing']} of" in done
     assert packets(tmp_path / "o.mkv") != alone
 
 
 @pytest.fixture
 def began(furnished: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start a command in segments."""
+    """Start a command in segments, with worker processes."""
     words = *verb("play"), furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv"
-    with running(*words, "--segments", "3") as process:
+    with running(*words, "--segments", "3", "--stats", tmp_path / "stats.json") as process:
         yield process
 
 
@@ -151,12 +172,19 @@ def test_a_worker_that_is_killed_is_replaced(
     os.kill(rendering_workers(began.pid)[0], signal.SIGKILL)
     _, errors = began.communicate(timeout=120)
     assert began.returncode == 0, errors
+    assert_counted(tmp_path / "stats.json", 3)
     assert packets(tmp_path / "o.mkv") == packets(whole)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.mkv", "stats.json"]
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_run_goes_on_with_what_was_whole(
-    furnished: Path, tmp_path: Path, whole: Path, began: subprocess.Popen[str], how: signal.Signals
+    furnished: Path,
+    tmp_path: Path,
+    whole: Path,
+    began: subprocess.Popen[str],
+    how: signal.Signals,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     kept = tmp_path / "o.mkv.segments"
     wait_until(lambda: any(kept.glob("[0-9]*.json")), "no segment was made", began)
@@ -167,20 +195,21 @@ def test_an_interrupted_run_goes_on_with_what_was_whole(
         assert "whole segments; the same command goes on with them" in errors
         assert {path.suffix for path in kept.iterdir()} == {".json", ".mkv"}  # no file is half-written
     count = len(list(kept.glob("[0-9]*.json")))
-    words = "play", furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv"
-    again = command(*words, "--segments", "3")
-    assert f"{count} of 3 segments are there already" in again.stderr
+    render(furnished, tmp_path / "o.mkv", "--segments", "3")
+    assert f"{count} of 3 segments are there already" in capsys.readouterr().err
     assert packets(tmp_path / "o.mkv") == packets(whole)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["o.mkv"]
 
 
-def test_segments_of_another_rendering_are_not_taken(furnished: Path, tmp_path: Path, whole: Path) -> None:
+def test_segments_of_another_rendering_are_not_taken(
+    furnished: Path, tmp_path: Path, whole: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     kept = tmp_path / "o.mkv.segments"
     kept.mkdir()
     (kept / "plan.json").write_text('{"format": 1, "of": "", "stretches": []}')
     (kept / "000.json").write_text('{"frames": 24}')
-    words = "play", furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv"
-    assert "segments of another rendering; begun anew" in command(*words, "--segments", "2").stderr
+    render(furnished, tmp_path / "o.mkv", "--segments", "2")
+    assert "segments of another rendering; begun anew" in capsys.readouterr().err
     assert packets(tmp_path / "o.mkv") == packets(whole)
 
 
@@ -194,10 +223,10 @@ def test_segments_of_another_rendering_are_not_taken(furnished: Path, tmp_path: 
     ],
 )
 def test_what_cannot_be_divided_is_one_line(
-    furnished: Path, tmp_path: Path, words: tuple[str, ...], expected: str
+    furnished: Path, tmp_path: Path, words: tuple[str, ...], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    line = fail("play", furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv", *words)
-    assert expected in line
+    files = furnished / "room", furnished / "film.mkv", "--output", tmp_path / "o.mkv"
+    assert expected in error_here(app.main, capsys, *files, *BACKEND, *words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -209,26 +238,25 @@ def test_what_cannot_be_divided_is_one_line(
         ('{"format": 1, "of": "", "stretches": []}', "letter.txt: is no part of segments and would be lost"),
     ],
 )
-def test_a_folder_that_is_not_ours_stays(furnished: Path, tmp_path: Path, plan: str, expected: str) -> None:
+def test_a_folder_that_is_not_ours_stays(
+    furnished: Path, tmp_path: Path, plan: str, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "o.mkv.segments").mkdir()
     (tmp_path / "o.mkv.segments" / "letter.txt").write_text("dear")
     (tmp_path / "o.mkv.segments" / "plan.json").write_text(plan)
     words = furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv", "--segments", "3"
-    assert expected in fail("play", *words)
+    assert expected in error_here(app.main, capsys, *words)
     assert (tmp_path / "o.mkv.segments" / "letter.txt").read_text() == "dear"
 
 
-def test_a_single_picture_has_no_segments(furnished: Path, tmp_path: Path) -> None:
-    done = command(
-        "play", furnished / "room", furnished / "film.mkv", "--output", tmp_path / "o.png", "--segments", "2"
-    )
-    assert done.returncode == 0
-    assert f"--segments: {tmp_path / 'o.png'} is a single picture" in done.stderr
+def test_a_single_picture_has_no_segments(furnished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    render(furnished, tmp_path / "o.png", "--segments", "2")
+    assert f"--segments: {tmp_path / 'o.png'} is a single picture" in capsys.readouterr().err
 
 
-def test_in_a_window_segments_mean_nothing(furnished: Path) -> None:
-    line = fail("play", furnished / "room", furnished / "film.mkv", "--segments", "2")
-    assert "--segments 2: is for --output" in line
+def test_in_a_window_segments_mean_nothing(furnished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = furnished / "room", furnished / "film.mkv", "--segments", "2"
+    assert "--segments 2: is for --output" in error_here(app.main, capsys, *words)
 
 
 def test_a_film_is_looked_through_for_its_cuts(furnished: Path) -> None:
