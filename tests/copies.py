@@ -18,7 +18,7 @@ from tests import warm_start
 
 # Variables that no module reads at import. A change to any other variable needs a new interpreter.
 LATE = {"DISPLAY", "WAYLAND_DISPLAY", "HOME", "PATH", "TMPDIR", "NOTIFY_SOCKET", "PYTEST_CURRENT_TEST"}
-LATE |= {"__EGL_VENDOR_LIBRARY_DIRS"}  # read when the first OpenGL context is made
+LATE |= {"__EGL_VENDOR_LIBRARY_DIRS", "OMP_WAIT_POLICY"}  # read by the first OpenGL context and the first parallel loop
 ERRORS = 2  # descriptor of standard error, which a process may share with this one
 
 

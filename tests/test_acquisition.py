@@ -407,18 +407,27 @@ def seen_through_truth(folder: Path, desired: np.ndarray, truth: Transport, room
     return np.asarray(light + room.ambient)
 
 
+@pytest.fixture(scope="module")
+def true_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Simulated and built; its scene is next to it."""
+    folder = tmp_path_factory.mktemp("true")
+    here("simulate", small_scene(folder, "wall"), "-o", folder / "true")
+    here("build", folder / "true")
+    return folder / "true"
+
+
 @pytest.mark.parametrize("scheme", ["hierarchical", "multiplexed"])
-def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: Path, scheme: str) -> None:
-    scene = small_scene(tmp_path, "wall")
-    here("simulate", scene, "-o", tmp_path / "true")
+def test_acquired_built_and_compensated_it_is_close_to_the_true_room(
+    true_room: Path, tmp_path: Path, scheme: str
+) -> None:
+    scene = true_room.with_name("wall.toml")
     rig = "--camera", f"simulated:{scene}", "--scheme", scheme
     printed = here("acquire", *rig, "-o", tmp_path / "acquired", "--verbose")
     said = r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"
     for pattern in (*said, r"light outside: [\d.]+ % of the projector's light"):
         assert re.search(pattern, printed)
-    for name in ("true", "acquired"):
-        assert build_correction_map.main([str(tmp_path / name)]) == 0
-    stored = calibration.read(tmp_path / "true")
+    assert build_correction_map.main([str(tmp_path / "acquired")]) == 0
+    stored = calibration.read(true_room)
     truth, room = read_transport(stored), stored.calibration
     acquired = calibration.read(tmp_path / "acquired").calibration
     codes = np.linspace(0, 1, 256)[:, None].repeat(3, axis=1)
@@ -432,10 +441,8 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     white = reachable_white(flood, room.mask)
     desired = white * np.repeat(typical_pictures(room.camera.shape)[0][..., None], 3, axis=2)
     figures = [
-        camera_psnr(
-            desired, seen_through_truth(tmp_path / name, desired, truth, room), room.mask & acquired.mask, white
-        )
-        for name in ("true", "acquired")
+        camera_psnr(desired, seen_through_truth(folder, desired, truth, room), room.mask & acquired.mask, white)
+        for folder in (true_room, tmp_path / "acquired")
     ]
     assert figures[1] > figures[0] - 0.5  # in dB, with the default camera's noise
     expected = json.loads((tmp_path / "acquired.report" / "report.json").read_text())["expected"]["decibels"]

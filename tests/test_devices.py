@@ -12,7 +12,7 @@ from counterlight.media.video import MediaReader
 from counterlight.tools.shipped import CLIP
 from tests.programs import fail
 
-FRAMES = 30
+FRAMES = 8
 
 
 def pictures(medium: Path, hwdec: str) -> tuple[list[np.ndarray], list[float], list[str]]:

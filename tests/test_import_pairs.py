@@ -262,7 +262,7 @@ def test_a_camera_that_moved_is_refused(
     for number in range(11, 16):
         codes = read_picture(pictures / f"frame{number:03}.png")
         write(photographs / f"IMG_{number:03}.png", Wall(shift=(4.0, 2.0)).capture(codes, rng))
-    line = refusal(capsys, pictures, photographs)
+    line = refusal(capsys, pictures, photographs, "--camera", "64x48")
     assert "IMG_011.png: shifted by" in line
     assert "camera moved" in line
 

@@ -107,6 +107,6 @@ def test_half_of_the_picture_is_lit_in_cells_of_all_sizes(shape: tuple[int, int]
 
 def test_pictures_first_stop_as_well() -> None:
     linear, bent = storing(Stored()), storing(Stored("S"))
-    acquire_pictures(linear, MemoryStore(linear.exposures), 24, [linear.raster])
+    acquire_pictures(linear, MemoryStore(linear.exposures), 14, [linear.raster])
     with pytest.raises(InputError, match="light does not add up in the captures: half and half"):
-        acquire_pictures(bent, MemoryStore(bent.exposures), 24, [bent.raster])
+        acquire_pictures(bent, MemoryStore(bent.exposures), 14, [bent.raster])

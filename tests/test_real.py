@@ -10,6 +10,7 @@ import pytest
 from counterlight import calibration
 from counterlight.tools.import_pairs import main as import_pairs
 from tests.pairs_of_rooms import AMBIENT, PROJECTOR, Wall, natural_pictures, write, write_pairs
+from tests.real import __main__ as evaluation
 from tests.real import correction, network, surrogate
 from tests.real.__main__ import main
 from tests.real.measures import measured
@@ -76,6 +77,9 @@ def test_a_set_up_is_evaluated_in_both_directions(
 ) -> None:
     for module in (correction, surrogate):
         monkeypatch.setattr(module, "STEPS", 100)  # enough for a smooth wall
+    for module in (surrogate, evaluation):
+        monkeypatch.setattr(module, "SIZE", PROJECTOR[::-1])
+    monkeypatch.setattr(network, "CROPS", 200)
     set_up = write_set_up(tmp_path / "data", rng, 12, 2)
     assert main([str(set_up), "--size", "128x96"]) == 0
     printed = capsys.readouterr().out
@@ -95,10 +99,16 @@ def test_import_finds_the_folders_and_the_black_photograph_of_a_set_up(
 ) -> None:
     data, room = tmp_path / "data", tmp_path / "room"
     set_up = write_set_up(data, rng, 10, 1)
-    assert import_pairs([str(data), str(set_up), "-o", str(room)]) == 0
+    assert import_pairs([str(data), str(set_up), "--camera", "64x48", "-o", str(room)]) == 0
     assert "10 pairs matched by number" in capsys.readouterr().out
     ambient = calibration.read(room).calibration.ambient
     assert np.percentile(np.abs(ambient - AMBIENT), 99) < 0.007  # noise of 0.002; an estimate is off by up to 0.03
+
+
+@pytest.fixture(scope="module")
+def nine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with pictures and photographs of nine pairs."""
+    return write_pairs(tmp_path_factory.mktemp("nine"), Wall(), np.random.default_rng(4), 9)[0].parent
 
 
 @pytest.mark.parametrize(
@@ -112,12 +122,9 @@ def test_import_finds_the_folders_and_the_black_photograph_of_a_set_up(
         (["--size", "90x90"], "128x96 cannot be reduced to 90x90"),
     ],
 )
-def test_refusals_are_one_line(
-    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], line: str
-) -> None:
-    write_pairs(tmp_path, Wall(), rng, 9)
+def test_refusals_are_one_line(nine: Path, capsys: pytest.CaptureFixture[str], words: list[str], line: str) -> None:
     named = [] if not words or words[0] == "--pictures" else ["--pictures", "pictures", "--photographs", "photographs"]
-    assert main([str(tmp_path), *named, *words]) == 2
+    assert main([str(nine), *named, *words]) == 2
     printed = capsys.readouterr().err
     assert line in printed
     assert printed.count("\n") == 1

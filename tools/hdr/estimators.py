@@ -20,6 +20,7 @@ The sums are computed over pictures that arrive one at a time, on the CPU or on 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from math import log
 from typing import Any, Protocol
 
@@ -63,7 +64,7 @@ SLACK = 0.9  # share of the bound that an estimate must reach; allows for noise 
 USUAL_WEIGHTING = {"debevec": "hat", "robertson": "gaussian"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimator:
     """One of the methods MERGES for one camera.
 
@@ -126,10 +127,8 @@ class CpuSums:
         self._bound = np.zeros(planes, np.float32)
 
     def add(self, codes: NDArray[Any], coefficients: tuple[float, float, float], exposure_s: float) -> None:
-        alpha, beta, gamma = coefficients
-        p, q = np.ascontiguousarray(self._estimator.table.T)
-        terms, weights = np.where(q > 0, alpha * p + beta * q, 0), gamma * q
-        bounds = (p[:, -1] / exposure_s).astype(np.float32)
+        terms, weights = _tables(self._estimator, coefficients)
+        bounds = (self._estimator.table[-1, :, 0] / exposure_s).astype(np.float32)
         pixels = codes.reshape(-1, self._shape[2])
         for start in range(0, len(pixels), CHUNK_PIXELS):
             part = slice(start, start + CHUNK_PIXELS)
@@ -152,6 +151,14 @@ class CpuSums:
         for planes in (self._sum, self._weight, self._bound):
             planes.fill(0)
         return np.ascontiguousarray(result.T).reshape(self._shape)
+
+
+@lru_cache(maxsize=16)
+def _tables(estimator: Estimator, coefficients: tuple[float, float, float]) -> tuple[FloatArray, FloatArray]:
+    """Returns what a picture with these coefficients adds to both sums by its codes, (channels, levels) each."""
+    alpha, beta, gamma = coefficients
+    p, q = np.ascontiguousarray(estimator.table.T)
+    return np.where(q > 0, alpha * p + beta * q, 0), gamma * q
 
 
 @contextmanager

@@ -10,6 +10,7 @@ With few pairs, there is little evidence about single pixels, so they keep the v
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -132,9 +133,15 @@ def block_blur(count: int, sigma: float) -> FloatArray:
 
 def between_cells(grid: NDArray[np.floating], cell: int, shape: tuple[int, int]) -> NDArray[np.floating]:
     """Interpolate values of cells at every camera pixel of a (height, width) picture."""
+    x, y = _in_cells(cell, shape)
+    return np.asarray(cv2.remap(grid, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+@lru_cache(maxsize=4)
+def _in_cells(cell: int, shape: tuple[int, int]) -> list[NDArray[np.float32]]:
+    """Return x and y of every camera pixel, in cells from the middle of the first."""
     y, x = (((np.arange(side) + 0.5) / cell - 0.5).astype(np.float32) for side in shape)
-    at = np.meshgrid(x, y)
-    return np.asarray(cv2.remap(grid, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    return list(np.meshgrid(x, y))
 
 
 def prior(level: int, linear: bool = False) -> NDArray[np.floating]:

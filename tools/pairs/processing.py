@@ -5,7 +5,7 @@ with a smoothness prior fit it to places where the picture is flat, so that spre
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ class Processing:
     table: FloatArray
 
     @classmethod
+    @cache
     def of_gamma(cls, gamma: float) -> "Processing":
         own = np.linspace(0, 1, OWN) ** gamma
         return cls(np.broadcast_to(own[None, :, None, None], (3, OWN, OTHER, OTHER)).copy())
@@ -121,6 +122,7 @@ def _hats(codes: FloatArray) -> tuple[list[IntArray], list[FloatArray]]:
     return cells, shares
 
 
+@cache
 def _prior() -> FloatArray:
     eyes = [np.eye(OWN), np.eye(OTHER), np.eye(OTHER)]
     total = np.zeros((OWN * OTHER * OTHER,) * 2)

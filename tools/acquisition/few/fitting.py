@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +33,8 @@ def settled(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> 
     misfits, weights = [], spots.seen.astype(np.float64)
     for moved in BESIDE:
         there = replace(spots, place=spots.place + moved)
-        misfit = even_misfits(
-            seen, table, Windows.around(there, np.zeros(len(there.seen)), seen.order.projector), pictures
-        )
+        windows = Windows.around(there, np.zeros(len(there.seen)), seen.order.projector)
+        (misfit,) = even_misfits(seen, table, {0.0: windows}, pictures)
         outside = np.any((there.place < -1) | (there.place > seen.order.projector), axis=1)
         around = averaged(misfit, weights, seen.camera, SPREAD)
         misfits.append(np.where(outside, np.inf, around) if moved.any() else around)
@@ -42,20 +42,24 @@ def settled(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> 
     return replace(spots, place=spots.place + BESIDE[np.argmin(misfits, axis=0)])
 
 
-def even_misfits(seen: Seen, table: Table, windows: Windows, pictures: Sequence[int], far: float = 0.0) -> FloatArray:
-    """Returns the squared misfit of a Gaussian plus even far light, (camera pixels,); 0 for pixels without a window.
+def even_misfits(
+    seen: Seen, table: Table, tried: dict[float, Windows], pictures: Sequence[int]
+) -> NDArray[np.floating]:
+    """Returns the squared misfits of Gaussians plus even far light, (tried, camera pixels); 0 without a window.
 
-    far : share of far light.
+    tried : the windows of each share of far light, with the same places and size.
     """
-    misfits = np.zeros(len(seen.light))
+    misfits = np.zeros((len(tried), len(seen.light)))
     one = np.array([table[seen.codes[picture], np.arange(3)].mean(axis=0) for picture in pictures])
-    for part in some(windows.pixel, 4 * len(pictures) * windows.size):
-        here = windows.of(part)
+    first = next(iter(tried.values()))
+    for part in some(first.pixel, 4 * len(pictures) * first.size):
+        here = first.of(part)
         A = seen.drive(table, seen.mixture[here.pixel], here.columns, pictures)
         target, sigma = seen.targets(here.pixel, pictures)
         pedestal = np.einsum("pl,nkl->npk", one, seen.mixture[here.pixel]).reshape(target.shape)
-        off = (1 - far) * np.einsum("new,nw->ne", A, here.start) + far * pedestal - target
-        misfits[here.pixel] = (off**2 / sigma**2).sum(axis=1) / (1 / sigma**2).sum(axis=1)
+        for misfit, (far, windows) in zip(misfits, tried.items(), strict=True):
+            off = (1 - far) * np.einsum("new,nw->ne", A, windows.of(part).start) + far * pedestal - target
+            misfit[here.pixel] = (off**2 / sigma**2).sum(axis=1) / (1 / sigma**2).sum(axis=1)
     return misfits
 
 
@@ -134,10 +138,10 @@ def sampled(windows: Windows, most: int = MOST_SAMPLED) -> IntArray:
 
 def _even(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> FloatArray:
     """Returns the share of far light, (camera pixels,), for which spots match the contrast of these pictures."""
-    misfits = []
-    for share in FAR_SHARES:
-        windows = Windows.around(spots, np.full(len(seen.light), share), seen.order.projector)
-        misfits.append(even_misfits(seen, table, windows.of(sampled(windows)), pictures, share))
+    windows = [Windows.around(spots, np.full(len(seen.light), share), seen.order.projector) for share in FAR_SHARES]
+    tried = [(share, each.of(sampled(each))) for share, each in zip(FAR_SHARES, windows, strict=True)]
+    same_size = [dict(each) for _, each in groupby(tried, lambda each: each[1].size)]
+    misfits = np.concatenate([even_misfits(seen, table, each, pictures) for each in same_size])
     weights = seen.clarity.sum(axis=1) * (np.sum(misfits, axis=0) > 0)
     smoothed = [averaged(misfit, weights, seen.camera, ALIKE) for misfit in misfits]
     return np.asarray(FAR_SHARES[np.argmin(smoothed, axis=0)])
