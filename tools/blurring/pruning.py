@@ -110,25 +110,33 @@ def _pruned(indptr, indices, weights, levels, starts, limit, count, placed, give
         first, last = indptr[row], indptr[row + 1]
         light = np.zeros((LEVELS + 1, COARSEST, COARSEST, 3))
         error, cost = np.zeros((LEVELS + 1, COARSEST, COARSEST)), np.zeros((LEVELS + 1, COARSEST, COARSEST))
-        single, total = np.zeros((LEVELS + 1, COARSEST, COARSEST), np.bool_), np.zeros(3)
-        for k in range(first, last):
-            for c in range(3):
-                total[c] += weights[k, c]
-        rent = max(limit, LEAST_LIMIT) ** 2 * (total**2).sum()
-        y, x = indices[first:last] // width, indices[first:last] % width
-        blocks = (y >> LEVELS) * width + (x >> LEVELS)
+        single, squared = np.zeros((LEVELS + 1, COARSEST, COARSEST), np.bool_), 0.0
+        for c in range(3):
+            total = 0.0
+            for k in range(first, last):
+                total += weights[k, c]
+            squared += total * total
+        rent = max(limit, LEAST_LIMIT) ** 2 * squared
+        blocks = np.empty(last - first, np.int64)
+        for k in range(blocks.size):
+            y, x = indices[first + k] // width, indices[first + k] % width
+            blocks[k] = (y >> LEVELS) * width + (x >> LEVELS)
         order, begin, found = np.argsort(blocks), 0, 0
         while begin < order.size:
             block = blocks[order[begin]]
             top, left = (block // width) << LEVELS, (block % width) << LEVELS
-            light[0] = 0
-            cost[0] = 0
+            for i in range(COARSEST):
+                for j in range(COARSEST):
+                    cost[0, i, j] = 0.0
+                    for c in range(3):
+                        light[0, i, j, c] = 0.0
             end = begin
             while end < order.size and blocks[order[end]] == block:
-                i, j = y[order[end]] - top, x[order[end]] - left
+                k = first + order[end]
+                i, j = indices[k] // width - top, indices[k] % width - left
                 for c in range(3):
-                    light[0, i, j, c] = weights[first + order[end], c]
-                    if weights[first + order[end], c] != 0:
+                    light[0, i, j, c] = weights[k, c]
+                    if weights[k, c] != 0:
                         cost[0, i, j] = rent
                 end += 1
             for level in range(1, LEVELS + 1):
@@ -167,19 +175,21 @@ def _grow(light, error, cost, single, level, whole, rent):  # type: ignore[no-un
 def _collect(light, cost, single, corner, levels, starts, placed, given):  # type: ignore[no-untyped-def]
     """Write numbers and light of the entries and cells of a coarsest block's tree; returns how many."""
     stack, waiting, found = np.empty((3 * LEVELS + 1, 3), np.int64), 1, 0
-    stack[0] = LEVELS, 0, 0
+    stack[0, 0], stack[0, 1], stack[0, 2] = LEVELS, 0, 0
     while waiting:
         waiting -= 1
-        level, y, x = stack[waiting]
+        level, y, x = stack[waiting, 0], stack[waiting, 1], stack[waiting, 2]
         if cost[level, y, x] == 0:
             continue
         if level == 0 or single[level, y, x]:
             placed[found] = starts[level] + ((corner[0] >> level) + y) * levels[level, 1] + (corner[1] >> level) + x
-            given[found] = light[level, y, x]
+            for c in range(3):
+                given[found, c] = light[level, y, x, c]
             found += 1
             continue
         for k in range(4):
-            stack[waiting + k] = level - 1, 2 * y + k // 2, 2 * x + k % 2
+            below = stack[waiting + k]
+            below[0], below[1], below[2] = level - 1, 2 * y + k // 2, 2 * x + k % 2
         waiting += 4
     return found
 

@@ -104,10 +104,12 @@ def by_strength(graph: Connections) -> IntArray:
 
 @kept(parallel=True)
 def _by_strength(ends: IntArray, luminance: FloatArray) -> IntArray:
-    order = np.arange(luminance.size)
+    order = np.empty(luminance.size, np.int64)
     for pixel in numba.prange(ends.size):
         start = ends[pixel - 1] if pixel else 0
-        order[start : ends[pixel]] = start + np.argsort(-luminance[start : ends[pixel]], kind="mergesort")
+        strongest_first = np.argsort(-luminance[start : ends[pixel]], kind="mergesort")
+        for i in range(strongest_first.size):  # a slice takes Numba longer to compile
+            order[start + i] = start + strongest_first[i]
     return order
 
 
