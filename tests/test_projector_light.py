@@ -24,6 +24,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedRoom,
 )
 from counterlight.tools.acquisition.plan import Codes
+from counterlight.tools.acquisition.ramps import CODES, smoothed
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.store import Wanted
 from counterlight.tools.acquisition.summary import Coverage, ProjectorReport
@@ -90,6 +91,28 @@ def lcd(codes: FloatArray) -> FloatArray:
 def of_limited_range(codes: FloatArray) -> FloatArray:
     """Return the drive through a cable that carries codes 16 to 235."""
     return np.asarray(np.clip((255 * codes - 16) / 219, 0, 1) ** 2.2)
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        lambda c: c**2.2,
+        lambda c: np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4),
+        lambda c: (c**2.2 + 3 * c**2 - 2 * c**3) / 2,
+        lambda c: 0.3 * c + 0.7 * c**2.4,
+        lambda c: (1 - np.exp(-2 * c**2.2)) / (1 - np.exp(-2)),
+    ],
+    ids=["gamma", "srgb", "S", "raised", "bounded"],
+)
+def test_a_smoothed_ramp_is_closer_to_the_curve_though_gains_wander(
+    rng: np.random.Generator, curve: Callable[[FloatArray], FloatArray]
+) -> None:
+    spread, noise, true = 0.024, 1e-4, curve(CODES[1:] / 255)
+    gains = 1 + spread * rng.normal(size=(50, len(true))) / np.append(np.ones(len(true) - 1), 4)
+    ramps = true * gains + noise * rng.normal(size=gains.shape)
+    done = np.stack([smoothed(ramp, spread, noise) for ramp in ramps])
+    before, after = (np.sqrt(np.mean((each / each[:, -1:] - true) ** 2)) for each in (ramps, done))
+    assert after < 0.7 * before
 
 
 @pytest.mark.parametrize(

@@ -228,7 +228,7 @@ def _acquire(
     light = None
     if part.coloured:
         ramps = part.capture(replace(light_level(projector), later=part.expected[1:]))
-        light = measure_light(wander.steadied(ramps), room)
+        light = measure_light(wander.steadied(ramps), room, wander.left)
     if part.averaged:
         if averaging is None:  # captures of an older version have the random picture here
             (seen,) = part.capture(Level("noise", [random_pixels(projector)], part.expected[1:]))

@@ -32,6 +32,7 @@ MOST_UNADDED = 0.03  # colours may miss white by this share of white, plus SUREL
 SURELY = 4
 SAMPLES = 65  # samples of a white segment
 UNSEEN = 1e-6  # share of the brightest primary's squared light, below which a primary counts as unseen
+BENT = 0.01  # usual second difference of log light − γ log code at full drive; inverse to the code at others
 EXACT = 1e-6  # least error assumed of a capture, as a share of the brightest light
 
 
@@ -42,7 +43,7 @@ class ProjectorLight:
     response : measured response of each channel.
     gammas : closest exponent of each channel.
     primaries : (3, camera height, camera width, 3) float32. Radiance above black of full red, green or blue alone.
-    fitted : largest change that made the readings monotone.
+    fitted : largest change that made the readings smooth and monotone.
     noise : largest standard deviation of a reading.
     unadded : (17,). Grey minus the sum of the primaries at each of `CODES`.
     unadded_noise : standard deviation of `unadded`.
@@ -101,8 +102,11 @@ def light_level(projector: tuple[int, int]) -> Level:
     return Level("ramps and primaries", LazyPatterns(len(colours), paint))
 
 
-def measure_light(captures: Sequence[NDArray[np.floating]], room: Reference) -> ProjectorLight:
-    """Evaluate the captures of `light_level`; InputError if all well-lit pixels are saturated."""
+def measure_light(captures: Sequence[NDArray[np.floating]], room: Reference, spread: FloatArray) -> ProjectorLight:
+    """Evaluate the captures of `light_level`; InputError if all well-lit pixels are saturated.
+
+    spread : (3,). Standard deviation of a capture's gain, per channel; 0 for a steady camera.
+    """
     primaries = [_mean(room, captures, range(PRIMARIES + i, len(captures), 3)) for i in range(3)]
     templates = [_Template(room, light) for light in (room.light, *primaries)]
     white = templates[0]
@@ -125,19 +129,41 @@ def measure_light(captures: Sequence[NDArray[np.floating]], room: Reference) -> 
         added[code] = parts.shares(lights[0] - sum(lights[1:]))
     # an unseen primary uses the template of grey
     chosen = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]
-    fitted = fit_projector_response(CODES / 255.0, own[:, chosen], np.where(np.isin(CODES, INNER), 1, REPEATS))
+    readings, noises = own[:, chosen], [templates[colour].noise for colour in chosen]
+    if spread.any():
+        for shares, each in zip(readings.T, noises, strict=True):
+            shares[1:] = smoothed(shares[1:], float(spread.max()), each)
+    fitted = fit_projector_response(CODES / 255.0, readings, np.where(np.isin(CODES, INNER), 1, REPEATS))
     unadded, noise = whole[:, 0] - whole[:, 1:].sum(axis=1), 2 * white.noise  # noise of four captures
     return ProjectorLight(
         fitted.response,
         fitted.gammas,
         np.stack(primaries).reshape(3, *room.black.shape).astype(np.float32),
-        fitted.pooled,
-        max(templates[colour].noise for colour in chosen),
+        fitted.pooled + float(np.abs(readings - own[:, chosen]).max()),
+        max(noises),
         unadded,
         noise,
         None if _adds_up(unadded, noise) else _segment(fitted.response, added),
         crosstalk(np.stack(primaries), room),
     )
+
+
+def smoothed(shares: FloatArray, spread: float, noise: float) -> FloatArray:
+    """Smooth a ramp's shares at `CODES[1:]`, whose captures have unknown gains.
+
+    Least squares fit log share − γ log code, with a prior of small second differences. The last share is the mean of
+    REPEATS captures.
+
+    spread : standard deviation of a gain.
+    noise : standard deviation of a share without gains.
+    """
+    codes, known = CODES[1:] / 255.0, np.maximum(shares, noise)
+    gamma = np.median(np.log(known[:-1]) / np.log(codes[:-1]))
+    weights = 1 / (spread**2 + (noise / known) ** 2)
+    weights[-1] *= REPEATS
+    bends = np.diff(np.eye(len(codes)), 2, axis=0) * codes[1:-1, None] / BENT
+    off = np.linalg.solve(bends.T @ bends + np.diag(weights), weights * (np.log(known) - gamma * np.log(codes)))
+    return np.asarray(codes**gamma * np.exp(off))
 
 
 def _adds_up(unadded: FloatArray, noise: float) -> bool:

@@ -39,7 +39,7 @@ def fallen(t: Table, rows: str, column: str) -> float:
 
 def most_below(t: Table) -> float:
     """Returns the largest distance in dB below the optimum inside the border."""
-    return max(best - found for found, best in zip(t("wall", INSIDE), t("wall", INSIDE, 1), strict=True))
+    return max(best - found for found, best in zip(t(".*", INSIDE), t(".*", INSIDE, 1), strict=True))
 
 
 PROSE = (
