@@ -19,7 +19,7 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response, WhiteSegment
 from counterlight.tools.acquisition.plan import REPEATS, Codes, LazyPatterns, Level, Reference
-from counterlight.tools.hdr.projector_response import fit_projector_response
+from counterlight.tools.hdr.projector_response import exponent, fit_projector_response
 from counterlight.tools.transport.transport import Transport
 
 CODES = np.rint(np.linspace(0, 255, 17)).astype(np.uint8)
@@ -158,7 +158,7 @@ def smoothed(shares: FloatArray, spread: float, noise: float) -> FloatArray:
     noise : standard deviation of a share without gains.
     """
     codes, known = CODES[1:] / 255.0, np.maximum(shares, noise)
-    gamma = np.median(np.log(known[:-1]) / np.log(codes[:-1]))
+    gamma = exponent(codes, known)
     weights = 1 / (spread**2 + (noise / known) ** 2)
     weights[-1] *= REPEATS
     bends = np.diff(np.eye(len(codes)), 2, axis=0) * codes[1:-1, None] / BENT

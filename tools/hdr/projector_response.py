@@ -66,7 +66,7 @@ def fit_projector_response(
         raise InputError("grey ramp: white is no brighter than black; check the order of the levels")
     relative = (light - black) / (white - black)
     rising = np.stack([_rising(column, mass) for column in relative.T], axis=1)
-    gammas = [_exponent(codes, column) for column in rising.T]
+    gammas = [exponent(codes, column) for column in rising.T]
     table = np.stack([_joined(codes, *each) for each in zip(rising.T, gammas, strict=True)], axis=1)
     return ProjectorResponse(
         table_response(table),
@@ -76,7 +76,7 @@ def fit_projector_response(
     )
 
 
-def _exponent(codes: FloatArray, rising: FloatArray) -> float:
+def exponent(codes: FloatArray, rising: FloatArray) -> float:
     """Returns the median of log light / log code; 1 if no reading is usable."""
     inner = (codes > 0) & (codes < 1) & (rising > FOLLOWED[0]) & (rising < FOLLOWED[1])
     if not inner.any():
