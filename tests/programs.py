@@ -71,21 +71,26 @@ def refusal_here(
     folder : must hold the same files before and after.
     """
     before = sorted(folder.rglob("*"))
-    assert main([str(each) for each in arguments]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    line = printed.err.removesuffix("\n")
-    assert re.fullmatch("error: .+", line)
+    printed, line = _refused(main, capsys, arguments)
+    assert printed == ""
     assert sorted(folder.rglob("*")) == before
     return line
 
 
 def error_here(main: Callable[[Sequence[str]], int], capsys: "pytest.CaptureFixture[str]", *arguments: object) -> str:
     """Run a command's `main` that must be refused, and return its only line of error output."""
+    return _refused(main, capsys, arguments)[1]
+
+
+def _refused(
+    main: Callable[[Sequence[str]], int], capsys: "pytest.CaptureFixture[str]", arguments: Sequence[object]
+) -> tuple[str, str]:
+    """Run a command's `main` that must be refused; returns its output and its only line of error output."""
     assert main([str(each) for each in arguments]) == 2
-    line = capsys.readouterr().err.removesuffix("\n")
+    printed = capsys.readouterr()
+    line = printed.err.removesuffix("\n")
     assert re.fullmatch("error: .+", line)
-    return line
+    return printed.out, line
 
 
 def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:
