@@ -70,6 +70,19 @@ def test_a_first_frame_that_takes_long_costs_no_steps() -> None:
     assert not machine.said
 
 
+def test_the_next_medium_begins_with_the_steps_that_fitted_last() -> None:
+    governor = Governor(16)
+    governor.begin(FRAME_S)
+    machine = Machine(governor, 0.004, 0.004)
+    machine.draw(20)
+    governor.begin(FRAME_S)
+    machine.draw(1)
+    assert machine.times[-1] <= FRAME_S
+    assert machine.steps[-1] == 7
+    governor.begin(2 * FRAME_S)  # another frame rate
+    assert governor.steps == 16
+
+
 def test_other_work_that_comes_and_goes_costs_few_frames_their_steps() -> None:
     """One frame in twenty takes twenty times as long; a permanently slower period follows, and ends."""
     governor = Governor(4, budget=16)

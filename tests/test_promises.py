@@ -94,6 +94,17 @@ def test_statistics_at_the_end_of_a_show_say_where_its_pictures_stood() -> None:
     assert "below_optimum_db" not in Stage(Reader(count=3), usual=4).show.run(limit=1).facts["refinement"]
 
 
+def test_no_estimate_delays_the_first_frames_of_a_medium() -> None:
+    stage = Stage(Reader(count=15), Reader(path="b.mp4", count=1000), usual=2, within=0.05)
+    stage.advance(0.04, step=0.04)
+    while stage.commands.get("path") != "b.mp4":
+        before = stage.screen.snapshots
+        stage.advance(0.04, step=0.04)
+    stage.advance(0.3, step=0.04)
+    assert stage.screen.snapshots == before
+    until(stage, lambda: stage.screen.snapshots > before)
+
+
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("promises") / "room"

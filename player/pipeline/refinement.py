@@ -176,6 +176,12 @@ class StepBudget:
         self.most = MOST_STEPS if most is None else most
         self.steps = max(least, 1) if most is None else most
 
+    def follow(self, before: "StepBudget") -> None:
+        """Continue from another budget, if it has the same time."""
+        if before.interval_s == self.interval_s:
+            self.steps = max(min(before.steps, self.most), self.least)
+            self._wait, self._patience = before._wait, before._patience
+
     @property
     def _goal_s(self) -> float:
         return SHARE_OF_FRAME * self.interval_s

@@ -88,6 +88,9 @@ class Appraisal:
         return {key: value for each in known if each is not None for key, value in each.to_dict().items()}
 
     def forget(self) -> None:
-        """Discard all results, because the room or the medium has changed."""
+        """Discard all results, because the room or the medium has changed.
+
+        The next look is INTERVAL_S away, so that no measurement delays the first frames.
+        """
         self.certificate = self.shortfall = self._running = None
-        self._measured_at = self._next_at = float("-inf")
+        self._measured_at, self._next_at = float("-inf"), self._clock() + INTERVAL_S

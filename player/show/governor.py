@@ -67,12 +67,14 @@ class Governor:
         self._adopt()
 
     def begin(self, interval_s: float | None) -> None:
-        """Start another medium.
+        """Start another medium. At the same frame rate, it begins with the steps that fitted last.
 
         interval_s : seconds from one frame to the next; None for a still.
         """
-        self._interval_s = interval_s
+        before, self._interval_s = self._time, interval_s
         self._begin()
+        if before is not None and self._time is not None:
+            self._time.follow(before)
 
     def slow_to(self, interval_s: float) -> None:
         """Set another frame interval for the same medium."""
