@@ -80,7 +80,7 @@ class Audience:
         self._connection.close()
 
     def _watch(self) -> None:
-        began = time.monotonic()
+        began, data, picture, name = time.monotonic(), b"", np.zeros((0, 0, 3), np.uint8), ""
         while not self._closed.wait(max(0.0, began + self.pictures / PER_S - time.monotonic())):
             self.pictures += 1
             try:
@@ -88,11 +88,13 @@ class Audience:
             except BadMatch:  # the monitor is off, so the desktop ends before it
                 self._told("")
                 continue
-            self._judge(np.frombuffer(found.data, np.uint8).reshape(PROJECTOR[1], PROJECTOR[0], 4)[..., 2::-1])
+            if found.data != data:  # the same bytes have the same name
+                data, picture = found.data, np.frombuffer(found.data, np.uint8).reshape(*PROJECTOR[::-1], 4)[..., 2::-1]
+                name = name_of(picture)
+            self._judge(picture, name)
 
-    def _judge(self, picture: NDArray[np.uint8]) -> None:
-        """Record the name of a picture, (height, width, 3) RGB codes, and save the first leaks as PNG files."""
-        name = name_of(picture)
+    def _judge(self, picture: NDArray[np.uint8], name: str) -> None:
+        """Record a picture, (height, width, 3) RGB codes, and save the first leaks as PNG files."""
         if self._composited and self.seen and self.now == "" and name in ("desktop", "leak"):
             return  # metacity's compositor shows the desktop for one or two pictures when a monitor comes back
         self._told(name)
