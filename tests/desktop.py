@@ -8,7 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from PIL import ImageGrab
+from numpy.typing import NDArray
 from Xlib import XK, X
 from Xlib.display import Display
 from Xlib.error import BadDrawable, BadWindow
@@ -43,19 +43,33 @@ def expected_picture(
 
 def screen(display: str, box: Box) -> np.ndarray:
     """Pixels that the X server shows in a box, RGB."""
-    left, top, width, height = box
-    grabbed = np.array(ImageGrab.grab(xdisplay=display).convert("RGB"))
-    return grabbed[top : top + height, left : left + width].astype(int)
+    packed, depth = _grabbed(display, box)
+    assert depth == 24
+    return packed.view(np.uint8).reshape(*packed.shape, 4)[..., 2::-1].astype(int)
 
 
 def fine_screen(display: str, box: Box) -> np.ndarray:
     """Pixels of a screen of depth 30 in a box, as 10-bit codes."""
-    connection = Display(display)
-    found = connection.screen().root.get_image(*box, X.ZPixmap, 0xFFFFFFFF)
-    connection.close()
-    assert found.depth == 30
-    packed = np.frombuffer(found.data, "<u4").reshape(box[3], box[2], 1)
-    return (packed >> np.uint32([20, 10, 0]) & 1023).astype(int)
+    packed, depth = _grabbed(display, box)
+    assert depth == 30
+    return (packed[..., None] >> np.uint32([20, 10, 0]) & 1023).astype(int)
+
+
+def _grabbed(display: str, box: Box) -> tuple[NDArray[np.uint32], int]:
+    """Pixels of the part of a box on the screen, (height, width), as the X server packs them, and their depth in bits.
+
+    A screen may end within the box, and ends before it while the box's monitor is off.
+    """
+    left, top, width, height = box
+    with contextlib.closing(Display(display)) as connection:
+        connection.grab_server()  # the screen keeps its size until the connection is closed
+        root = connection.screen().root
+        whole = root.get_geometry()
+        width, height = min(width, whole.width - left), min(height, whole.height - top)
+        if width <= 0 or height <= 0:
+            return np.zeros((0, 0), np.uint32), whole.depth
+        found = root.get_image(left, top, width, height, X.ZPixmap, 0xFFFFFFFF)
+    return np.frombuffer(found.data, "<u4").reshape(height, width), whole.depth
 
 
 def mapped_windows(display: str) -> set[Box]:
