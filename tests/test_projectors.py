@@ -217,6 +217,18 @@ def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypat
         keeper.close()
 
 
+def test_a_changed_schedule_does_not_wait_for_the_next_query(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hours, "AGAIN_S", 10 * PATIENCE_S)
+    now = [at("23 10:00:00")]
+    with projector() as lamp:
+        keeper = Keeper(lambda: Schedule((hours_of("10:00", "18:00"),), projectors=(of(lamp),)), lambda: now[0])
+        until(lambda: lamp.power == WARMING, "told")
+        lamp.power = ON
+        now[0] = at("23 18:00:00")
+        until(lambda: lamp.power == COOLING, "off at once")
+        keeper.close()
+
+
 def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     """One projector warms up slowly, one refuses the password. First one projector is switched, then all of them."""
     monkeypatch.setattr(pjlink, "AGAIN_S", 0.02)

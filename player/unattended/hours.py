@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime, time, timedelta
+from time import monotonic
 
 from counterlight.command import tell
 from counterlight.errors import InputError
@@ -71,7 +72,8 @@ class Schedule:
 class Keeper:
     """Switches projectors by a schedule and prints their state. Each projector has its own thread.
 
-    A projector gets each order only until it obeys. Later switching by hand is respected.
+    A projector gets each order only until it obeys. Later switching by hand is respected. A changed schedule is
+    followed at once, even if the projector has not yet obeyed.
 
     schedule : returns the present schedule. The projectors are read from it once.
     """
@@ -93,15 +95,17 @@ class Keeper:
 
     def _keep(self, projector: Projector) -> None:
         looked: datetime | None = None
+        wanted: bool | None = None
+        again_s = 0.0
         while not self._closed.is_set():
             now = self._clock()
             on = self._schedule().lit(now)
             due = looked is None or not timedelta(0) <= now - looked < timedelta(seconds=LOOK_S)
-            if due or self._obeyed.get(projector) != on:
-                looked = now
+            waited = self._obeyed.get(projector) != on and monotonic() >= again_s
+            if due or waited or on != wanted:
+                looked, wanted, again_s = now, on, monotonic() + AGAIN_S
                 self._look(projector, on)
-            obeyed = self._obeyed.get(projector) == on
-            self._closed.wait(1.0 if obeyed else AGAIN_S)
+            self._closed.wait(min(1.0, AGAIN_S))
 
     def _look(self, projector: Projector, on: bool) -> None:
         """Query a projector, send the order that is still missing, and print a changed status."""
