@@ -7,6 +7,7 @@ from typing import Any
 import glfw
 import moderngl
 
+from counterlight.gl.context import window_context
 from counterlight.gl.filling import Layer, detach, put
 from counterlight.gl.monitors import Monitor
 from counterlight.gl.passes import ScreenPass, Uniform
@@ -56,7 +57,7 @@ class MonitorLabels:
         detach(window, Layer.LABEL)
         put(window, Box(x, y, width, height))
         glfw.make_context_current(window)
-        _paint(moderngl.create_context(require=330), pixels.tobytes(), pixels.shape[1::-1], (width, height))
+        _paint(window_context(), pixels.tobytes(), pixels.shape[1::-1], (width, height))
         glfw.swap_buffers(window)
 
 

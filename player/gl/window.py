@@ -9,7 +9,7 @@ import glfw
 import moderngl
 
 from counterlight.errors import AbsentError, InputError
-from counterlight.gl.context import PACKAGES
+from counterlight.gl.context import PACKAGES, window_context
 from counterlight.gl.filling import Filling, Layer, take_keys
 from counterlight.gl.monitor_labels import MonitorLabels
 from counterlight.gl.monitors import (
@@ -89,7 +89,7 @@ class Window:
         bits = bits or max((each.bits for each in ([monitor] if monitor else list_monitors()[:1])), default=8)
         self._handle: Any = _open(shape, title, bits, None if sharing is None else sharing._handle)
         try:
-            self.context = moderngl.create_context(require=330)
+            self.context = window_context()
             self.bits = _bits_of(self.context)
             self._present = Presenter(self.context)
         except BaseException:
