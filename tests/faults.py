@@ -99,6 +99,15 @@ class Runner:
         return Run(**json.loads(answer))
 
 
+def refused_here(function: Callable[..., Any], arguments: Sequence[Any], fault: Fault) -> Run:
+    """Run a function in this process and refuse a step; what it leaves locked then stays locked."""
+    assert fault.how == REFUSE
+    counter = _Counter(fault, lambda _: None)
+    with counter.installed():
+        code, words = _outcome(function, arguments)
+    return Run(fault.at, counter.steps, code, words)
+
+
 @contextmanager
 def small_disk(folder: Path, size: int) -> Iterator[None]:
     """Mount a file system of `size` bytes at a folder; needs the right to mount."""
@@ -148,6 +157,17 @@ class _Counter:
         place = [str(first)] if isinstance(first, str | Path) else []
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), *place)
 
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        calls, exchange, opened = {name: getattr(os, name) for name in STEPS}, disk._exchange, io.open
+        self.install()
+        try:
+            yield
+        finally:
+            for name, call in calls.items():
+                setattr(os, name, call)
+            disk._exchange, io.open = exchange, opened
+
     def install(self) -> None:
         for name in STEPS:
             setattr(os, name, self.wrapped(getattr(os, name)))
@@ -188,18 +208,22 @@ def _run(function: Callable[..., Any], arguments: list[Any], fault: Fault, write
     counter.install()
     if fault.most_bytes is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (fault.most_bytes, resource.RLIM_INFINITY))
-    words = ""
+    code, words = _outcome(function, arguments)
+    os.write(write, f"{counter.steps}\n{code}\n{words}".encode())
+    os._exit(0)
+
+
+def _outcome(function: Callable[..., Any], arguments: Sequence[Any]) -> tuple[int, str]:
+    """Return a function's exit code, 1 for an unexpected exception, and its error output or its exception's text."""
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
             code = function(*arguments) or 0
-        words = errors.getvalue()
     except InputError as error:
-        code, words = 2, str(error)
+        return 2, str(error)
     except BaseException as error:
-        code, words = 1, repr(error)
-    os.write(write, f"{counter.steps}\n{code}\n{words}".encode())
-    os._exit(0)
+        return 1, repr(error)
+    return code, errors.getvalue()
 
 
 if __name__ == "__main__":

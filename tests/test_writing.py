@@ -16,7 +16,7 @@ from counterlight.maps import room_maps as maps
 from counterlight.tools.shipped import CLIP
 from counterlight.writing.stage import SUFFIX, finish
 from tests import written
-from tests.faults import KILL, REFUSE, Fault, Runner
+from tests.faults import KILL, REFUSE, Fault, Run, Runner, refused_here
 from tests.programs import ROOT, fail, running
 
 SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
@@ -42,14 +42,21 @@ class Place:
     def __init__(self, kind: str, folder: Path, runner: Runner) -> None:
         write, name = KINDS[kind]
         self.path, self._runner = str(folder / name), runner
-        self.function, self.look = f"tests.written:write_{write}", getattr(written, f"{kind}_generation")
+        self._function, self.look = f"tests.written:write_{write}", getattr(written, f"{kind}_generation")
+        self._write: Callable[[str, int], None] = getattr(written, f"write_{write}")
         self.folder = folder
         if kind == "maps":
             written.write_room(self.path, 0)
 
-    def write(self, generation: int, fault: Fault | None = None) -> None:
-        run = self._runner.run(self.function, [self.path, generation], fault)
-        assert run.code == 0, run.words
+    def strike(self, generation: int, fault: Fault) -> Run:
+        """Write a generation under a fault; a process that is killed is another process."""
+        if fault.how == REFUSE:
+            return refused_here(self._write, [self.path, generation], fault)
+        return self._runner.run(self._function, [self.path, generation], fault)
+
+    def write(self, generation: int) -> None:
+        """Write a generation in this process, where nothing fails."""
+        self._write(self.path, generation)
 
     def left_over(self) -> list[str]:
         return [str(path.relative_to(self.folder)) for path in self.folder.rglob(".*")]
@@ -70,7 +77,7 @@ def test_struck_at_any_step_the_old_or_the_new_is_whole(
     place.write(1)
     seen = set()
     for generation, at in enumerate(range(1, 1000, STRIDES.get(kind, 1)), 2):
-        run = runner.run(place.function, [place.path, generation], Fault(at, how, exchange=exchange))
+        run = place.strike(generation, Fault(at, how, exchange=exchange))
         if not run.struck:
             break
         assert run.code in ((-9,) if how == KILL else (0, 2)), run.words
@@ -110,7 +117,7 @@ def test_killed_at_the_first_time_it_is_absent_or_whole(
     place = Place(kind, tmp_path, runner)
     seen = set()
     for at in range(1, 1000):
-        run = runner.run(place.function, [place.path, at], Fault(at, KILL, exchange=exchange))
+        run = place.strike(at, Fault(at, KILL, exchange=exchange))
         found = place.look(place.path)
         seen.add(found is not None)
         assert found in (None, at)
