@@ -1,11 +1,9 @@
 """The campaigns of tests/fuzz detect readers, commands and programs that are faulty on purpose."""
 
 import json
-import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -14,58 +12,15 @@ import pytest
 
 from tests import test_solve
 from tests.faults import Run, Runner
+from tests.faulty_reader import DEEDS, SEED, Faulty
 from tests.fuzz.__main__ import KINDS, main
 from tests.fuzz.bench import KILLED, Bench, Blow
 from tests.fuzz.calls import Rules, calls_of, watched
 from tests.fuzz.names import Ground, draw_name
 from tests.fuzz.solvers import PROPERTIES, Solvers
 from tests.fuzz.tables import Tables
-from tests.fuzz.tally import CRASHED, GREEDY, HUNG, LEFT, MOST_BYTES, READ, REFUSED, WRONG, Plan, Trial
-from tests.fuzz.warden import Case, FileCampaign
+from tests.fuzz.tally import CRASHED, LEFT, READ, WRONG, Plan
 from tests.one_channel import Found
-
-SEED = 7
-
-
-def complain(verdict: str) -> Trial:
-    print("Traceback (most recent call last): …", file=sys.stderr, flush=True)
-    return Trial(verdict)
-
-
-def touch_much() -> Trial:
-    return Trial(READ if bytearray(b"x") * (MOST_BYTES + (64 << 20)) else WRONG)
-
-
-DEEDS: tuple[tuple[Callable[[], object], str], ...] = (
-    (lambda: Trial(READ), READ),
-    (lambda: Trial(REFUSED), REFUSED),
-    (lambda: Trial(WRONG, "accepted"), WRONG),
-    (lambda: int("no number"), CRASHED),
-    (os.abort, CRASHED),
-    (lambda: complain(READ), CRASHED),
-    (lambda: time.sleep(60), HUNG),
-    (touch_much, GREEDY),
-    (lambda: Trial(READ), READ),
-)
-
-
-class Faulty(FileCampaign):
-    """Reader with every fault that a reader may have; its input selects the fault."""
-
-    name, count, purpose, hang_s = "faulty", len(DEEDS), "for a test", 2.0
-
-    def furnish(self, folder: Path) -> None: ...
-
-    def open(self, folder: Path) -> None: ...
-
-    def draw(self, rng: np.random.Generator) -> Case:
-        return Case({"input": rng.bytes(4)})
-
-    def judge(self, case: Case) -> Trial:
-        inputs = [Plan(SEED, 0, Path(), Path()).rng(self.name, index).bytes(4) for index in range(len(DEEDS))]
-        trial = DEEDS[inputs.index(case.files["input"])][0]()
-        assert isinstance(trial, Trial)
-        return trial
 
 
 def test_every_kind_of_fault_of_a_reader_is_caught(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
