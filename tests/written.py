@@ -98,7 +98,7 @@ def write_sequence(pattern: str, generation: int) -> None:
     check_sequence(Path(pattern))
     with replacing_sequence(Path(pattern)) as stage:
         for number in range(frames_of(generation)):
-            picture = np.full((4, 6), 10 * generation + number, np.uint8)
+            picture = np.full((4, 6), 10 * generation + number, np.uint16)
             write_png(stage / name_of(Path(pattern).name, number), picture)
 
 
