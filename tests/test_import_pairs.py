@@ -20,7 +20,7 @@ from counterlight.tools.pairs.geometry import regression
 from counterlight.tools.pairs.matching import matched
 from counterlight.tools.pairs.model import CELLS, WIDE_HALO, Level, Model, fit
 from counterlight.tools.pairs.photographs import read_photograph, read_photographs
-from counterlight.tools.pairs.processing import fit_processing
+from counterlight.tools.pairs.processing import OTHER, OWN, Processing, fit_processing
 from counterlight.tools.pairs.room import ambient_of, transport_of
 from counterlight.tools.transport.interval import read_interval
 from counterlight.tools.transport.storage import read_transport
@@ -91,6 +91,17 @@ def test_colour_processing_is_found_without_the_offset_of_its_light(rng: np.rand
     found = fit_processing(codes, light(codes) - 0.12, np.ones_like(codes))
     np.testing.assert_allclose(found.light(np.array([[0.0] * 3, [1.0] * 3])), [[0] * 3, [1] * 3], atol=1e-6)
     np.testing.assert_allclose(found.light(codes), light(codes), atol=0.03)  # φ has 17 and 7 levels, and a smooth prior
+
+
+def test_light_of_one_code_is_read_from_a_curve_as_from_the_table(rng: np.random.Generator) -> None:
+    curves = np.sort(rng.uniform(0, 1, (3, OWN)))
+    table = np.broadcast_to(curves[:, :, None, None], (3, OWN, OTHER, OTHER)).copy()
+    codes = rng.integers(0, 256, (50, 3)) / 255
+    found = Processing(table).light(codes)
+    expected = [np.interp(codes[:, k], np.linspace(0, 1, OWN), curves[k]) for k in range(3)]
+    np.testing.assert_allclose(found, np.stack(expected, axis=-1), atol=1e-7)  # rounding to float32
+    table[0, 0, OTHER - 1, OTHER - 1] += 1e-9  # too little to see, but the light now depends on other codes
+    np.testing.assert_array_equal(Processing(table).light(codes), found)
 
 
 def test_a_picture_that_the_fit_did_not_see_is_predicted(fitted: Fitted) -> None:
