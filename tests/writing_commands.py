@@ -34,7 +34,7 @@ COMMANDS = {
     "acquire": "tools.acquire_transport --camera simulated:ROOM --scheme graycode --no-preflight -o OUT/made",
     "import": f"tools.import_transport {MATRICES} -o OUT/made",
     "import-graycode": f"tools.import_graycode HERE/captures {GRAYCODE} -o OUT/made",
-    "import-pairs": "tools.import_pairs HERE/pairs/pictures HERE/pairs/photographs --camera 64x48 -o OUT/made",
+    "import-pairs": "tools.import_pairs HERE/pairs/pictures HERE/pairs/photographs --camera 48x36 -o OUT/made",
     "join": "tools.join_projectors ROOM ROOM -o OUT/made",
     "play.png": "app ROOM CLIP --frames 2 --output OUT/o.png",
     "play.exr": "app ROOM CLIP --frames 2 --output OUT/o.exr",
