@@ -6,8 +6,6 @@ import math
 import re
 import shutil
 import signal
-import subprocess
-import sys
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
@@ -40,12 +38,11 @@ from counterlight.tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
 from counterlight.tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto, write_json
 from counterlight.tools.study.rooms import ENTRY_BYTES, StudyRoom, Task, open_room
 from counterlight.tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, Spent, acquired, to_markdown
-from tests.programs import fail, succeed
+from tests.programs import LONGEST_S, fail, running, succeed, verb
 from tests.rooms import random_room, write_blurred_room
 from tests.scenes import SCENES
 
 ROOM_CAMERA, ROOM_PROJECTOR = (16, 22), (13, 17)  # more projector pixels than 200, the thesis' cluster size
-TIMEOUT_S = 300.0
 ROW = Row("a", "p", "f", "", None, "", 0.1, 20.0, 0.9, 1.0, 0.0, 1.0, None, None, 1.0, None, 1.0, 1.0)
 
 
@@ -289,17 +286,14 @@ def test_pictures_of_radiance_folders_without_a_room_and_other_folders_are_refus
 
 
 def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "counterlight", "study", "--scenes", "wall", "-o", str(tmp_path / "out")]
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    environment = {"TMPDIR": str(temporary), "PATH": "/usr/bin:/bin"}
-    process = subprocess.Popen(
-        command, cwd=SCENES.parents[1], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline().startswith("OpenGL: ")
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=TIMEOUT_S)
+    words = [*verb("study"), "--scenes", "wall", "-o", tmp_path / "out"]
+    with running(*words, TMPDIR=str(temporary)) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("OpenGL: ")
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=LONGEST_S)
     assert process.returncode == 130, error
     assert [path.name for path in tmp_path.iterdir()] == ["temporary"]
     left = [path.name for path in temporary.iterdir()]  # a signal may leave the file with which tempfile tests a folder
