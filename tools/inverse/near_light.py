@@ -309,10 +309,11 @@ class _Work:
             return objection
         memory.check_whole(clusters, ~method.windowed)
         matrices = channels(near)
-        *sigmas, largest = largest_singular_values((*matrices, light))
+        found = largest_singular_values((*matrices, light) if self.options.damping is None else matrices)
+        sigmas = found[: len(CHANNELS)]
         _check_lit(sigmas)
-        choice = self._choose_damping(matrices, sigmas, light, largest)
-        lambdas = choice.damping * np.array(sigmas)
+        choice = self._choose_damping(matrices, sigmas, light, found[-1])
+        lambdas = choice.damping * sigmas
         prior = self.conditions.prior if choice.damping > 0 else None
         priors = None if prior is None else prior_matrices(prior, clusters.projector)
         truncation = Truncation(self.reach, self.options.max_error / 255)
@@ -350,10 +351,12 @@ class _Work:
         )
 
     def _choose_damping(
-        self, matrices: tuple[Csr, ...], sigmas: Sequence[float], light: Csr, largest: float
+        self, matrices: tuple[Csr, ...], sigmas: FloatArray, light: Csr, largest: float
     ) -> DampingChoice:
-        """Return the requested λ / σ₁, or the chosen one, at least the noise of any channel. sigmas, largest : σ₁
-        values.
+        """Return the requested λ / σ₁, or the chosen one, at least the noise of any channel.
+
+        sigmas : σ₁ of each channel.
+        largest : σ₁ of `light`; not used if λ is requested.
         """
         if self.options.damping is not None:
             return DampingChoice(self.options.damping, {})
@@ -365,7 +368,7 @@ class _Work:
         return choose_damping(light, white, self.mask, self.whole, floor, self.conditions.pictures, largest)
 
 
-def _check_lit(sigmas: Sequence[float]) -> None:
+def _check_lit(sigmas: FloatArray) -> None:
     """Raise InputError if a channel's σ₁ is 0."""
     for name, sigma in zip(CHANNELS, sigmas, strict=True):
         if sigma == 0:

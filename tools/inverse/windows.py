@@ -193,7 +193,7 @@ def plan_windows(
 
     member : (projector height, projector width).
     regions : regions of several projectors.
-    truncation : truncation of T⁺'s rows; None to skip the entries.
+    truncation : truncation of T⁺'s rows; None to skip the seconds and the entries, which are then 0.
     """
     side = _block_side(member, channel.camera_pixels)
     narrow = Windows(member, HALOS[0], side, tuple(regions) if len(regions) > 1 else ())
@@ -230,16 +230,16 @@ def _sample(
     channel: WindowedChannel, windows: Windows, corner: tuple[int, int], tolerance: float, truncation: Truncation | None
 ) -> _Sample:
     found, halo = _grow(channel, windows, corner, tolerance)
+    block, residual = windows.pixels(corner, 0), float(found.residual.max())
+    if truncation is None:
+        return _Sample(halo, residual, 0.0, block.size, 0)
     start = time.thread_time()
-    block = windows.pixels(corner, 0)
     channel.solve(block, windows.window(channel, corner, halo))
     solved = time.thread_time()
-    entries = 0
-    if truncation is not None:
-        alike = np.repeat(np.ascontiguousarray(found.columns.T)[None, None], len(CHANNELS), axis=0)
-        entries = truncated_piece(block[None], found.camera[None], alike, truncation).columns.size
+    alike = np.repeat(np.ascontiguousarray(found.columns.T)[None, None], len(CHANNELS), axis=0)
+    entries = truncated_piece(block[None], found.camera[None], alike, truncation).columns.size
     seconds = len(CHANNELS) * (solved - start) + time.thread_time() - solved
-    return _Sample(halo, float(found.residual.max()), seconds, block.size, entries)
+    return _Sample(halo, residual, seconds, block.size, entries)
 
 
 def _spread(corners: list[tuple[int, int]]) -> list[tuple[int, int]]:
