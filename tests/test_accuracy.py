@@ -1,6 +1,8 @@
 """The default map, clamped, is never worse over all pictures than direct mapping or the plain pseudo-inverse."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -9,14 +11,15 @@ import pytest
 
 from counterlight import calibration
 from counterlight.maps.room_maps import read_maps
+from counterlight.pipeline.operators import drive_of
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.room import fill_simulated_room
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
-from counterlight.tools.transport.objective import ObjectiveOptions
+from counterlight.tools.solve.registry import prepare
+from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from tests.rooms import write_blurred_room
 from tests.scenes import small
@@ -42,26 +45,25 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
         with calibration.replacing(tmp_path / room) as stage:
             fill_simulated_room(scene, [simulate(scene)], stage)
     stored = calibration.read(tmp_path / room)
-    psnr: dict[str, list[float]] = {}
-    for name, damping in (("default", None), ("plain", 0.0)):
+    maps = []
+    for damping in (None, 0.0):
         build_room_maps(stored, InverseOptions(damping), ObjectiveOptions(drift=0))
-        for picture in pictures(stored.calibration.camera.shape):
-            options = CompensateOptions(("map", "direct"))
-            task = CompensationTask(
-                tier_of(stored.calibration, read_transport(stored)),
-                picture,
-                radiance=False,
-                options=options,
-                maps=read_maps(stored),
-            )
-            mapped, mapping = task.run(np.zeros((*PROJECTOR, 3)))
-            psnr.setdefault(name, []).append(mapped.quality.psnr)
-            psnr.setdefault("direct", []).append(mapping.quality.psnr)
-    default, plain, direct = (np.array(psnr[name][:5]) for name in ("default", "plain", "direct"))
-    for other in (direct, plain):
-        assert mean_square(default) <= mean_square(other) * 1.001
-        assert np.all(default >= other - SINGLE_PICTURE_DB)
+        maps.append(read_maps(stored))
+    tier = tier_of(stored.calibration, read_transport(stored))
+    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
+    lit = objective.lit_picture(tier.calibration)
+    mapping = prepare("direct", tier.transport.inside(lit), lit)
 
+    def mean_squares(drive_of_target: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return the mean squared error of each picture over the lit pixels, with the drive clamped."""
+        found = []
+        for picture in pictures(lit.shape):
+            desired = tier.white * picture
+            drive = np.clip(drive_of_target(tier.target(desired)), 0, 1)
+            found.append(np.mean((tier.seen(drive) - desired)[lit] ** 2))
+        return np.array(found)
 
-def mean_square(psnr: np.ndarray) -> float:
-    return float(np.mean(10 ** (-psnr / 10)))
+    default, plain = (mean_squares(partial(drive_of, each)) for each in maps)
+    for other in (mean_squares(lambda b: mapping.solve(b).unclamped), plain):
+        assert np.mean(default) <= np.mean(other) * 1.001
+        assert np.all(default <= other * 10 ** (SINGLE_PICTURE_DB / 10))
