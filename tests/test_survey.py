@@ -25,7 +25,7 @@ from tests.rooms import write_blurred_room
 from tests.test_refinement import asked, best_errors, desired, squared_errors, unbounded
 
 FACTOR = 1.5  # requirement: the page's figure is within this factor of the truth
-CAMERA, PROJECTOR, CELLS = (90, 110), (80, 96), 8
+CAMERA, PROJECTOR, CELLS = (76, 93), (68, 82), 8  # nine squares
 
 
 @pytest.fixture(scope="module", params=[0, CELLS], ids=["near", "far"])
@@ -34,7 +34,7 @@ def blurred(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     folder = tmp_path_factory.mktemp("blurred") / "room"
     write_blurred_room(folder, np.random.default_rng(8), CAMERA, PROJECTOR, request.param)
     stored = calibration.read(folder)
-    build_room_maps(stored, InverseOptions(0.1))
+    build_room_maps(stored, InverseOptions(0.1, max_error=3))  # half the time of 0.5; steps start from any T⁺
     room_maps = maps.read_maps(stored)
     objective = objective_of(read_transport(stored), stored.calibration, DEFAULT_AIMS)
     return Room(stored.calibration, room_maps, room_maps.white), objective.unweighted
