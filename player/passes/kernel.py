@@ -9,7 +9,7 @@ loops would end the process with Numba's own thread pool ("workqueue").
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from types import FunctionType
 from typing import Any
 
@@ -101,7 +101,6 @@ def prepare(compiling: Callable[[int], None] = lambda left: None) -> None:
         call. Load time does not show a compilation: loading all kernels takes a second, and longer on a busy machine.
     """
     from numba.core import event
-    from numba.core.sigutils import normalize_signature
 
     class Compiles(event.Listener):
         """Calls `started` when Numba compiles a function, but not when Numba loads one from the cache."""
@@ -117,12 +116,23 @@ def prepare(compiling: Callable[[int], None] = lambda left: None) -> None:
 
     wanted = [(made, signature) for made, signatures in dispatchers() for signature in signatures]
     for number, (made, signature) in enumerate(wanted):
-        # A signature passed as text would be cached separately from the one that a call compiles.
-        types, _ = normalize_signature(f"({signature})")  # type: ignore[no-untyped-call]
+        types = _parsed(signature)
         # an OSError says that the disk is full, after the kernel was compiled
         listener = Compiles(partial(compiling, len(wanted) - number))
         with suppress(OSError), event.install_listener("numba:compile", listener):
             made.compile(types)
+
+
+@cache
+def _parsed(signature: str) -> tuple[Any, ...]:
+    """Return the types of a signature; as text, Numba would cache it separately from what a call compiles.
+
+    Parsing all takes 1.2 ms, which every renderer of a process would spend again.
+    """
+    from numba.core.sigutils import normalize_signature
+
+    types, _ = normalize_signature(f"({signature})")  # type: ignore[no-untyped-call]
+    return tuple(types)
 
 
 def is_kept() -> bool:
