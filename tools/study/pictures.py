@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from skimage import data
 
 from counterlight.arrays import FloatArray
@@ -29,6 +30,7 @@ PAPER, INK = 0.02, 0.9  # share of white, linear: light letters on dark ground
 LETTERING = "Light is the first of painters. There is no object so foul that intense light will not make beautiful."
 LINES_A_PAGE = 6
 OVERSAMPLING = 8
+BAND = 32 * OVERSAMPLING  # rows of the large drawing that are converted to float at a time
 
 
 @dataclass(frozen=True)
@@ -119,8 +121,14 @@ def _text(shape: Shape) -> FloatArray:
         line, row = word, row + 1
         if row == LINES_A_PAGE:
             break
-    small = cv2.resize(page / 255, shape[::-1], interpolation=cv2.INTER_AREA)
+    small = np.concatenate([_averaged_down(page[top : top + BAND]) for top in range(0, height, BAND)])
     return np.repeat((PAPER + (INK - PAPER) * small)[..., None], 3, axis=2)
+
+
+def _averaged_down(rows: NDArray[np.uint8]) -> FloatArray:
+    """Returns the means of OVERSAMPLING × OVERSAMPLING pixels as shares of white."""
+    height, width = (side // OVERSAMPLING for side in rows.shape)
+    return np.asarray(cv2.resize(rows / 255, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _gradient(shape: Shape) -> FloatArray:
