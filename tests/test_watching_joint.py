@@ -22,8 +22,8 @@ from tests.drifted_rooms import write_changed
 from tests.oracles.formulas import grid_means
 from tests.programs import here
 
-CHANGE_S, END_S, EVERY_S = 5.0, 20.0, 0.5
-NEAR_PX, NEAR_LIGHT = 0.06, 0.02  # a film of 15 s; moved boxes of light brighten edges
+CHANGE_S, END_S, EVERY_S = 3.0, 14.0, 0.5
+NEAR_PX, NEAR_LIGHT = 0.06, 0.02  # a film of 11 s after the change; moved boxes of light brighten edges
 SENSOR = Sensor(bits=8, full_well=20_000)
 
 
