@@ -218,7 +218,7 @@ def test_a_raster_too_wide_for_a_picture_goes_on_below() -> None:
 def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
     """A raster of the same size with other regions is refused, because the windows cannot change their regions."""
     left, right = write_halves(tmp_path)
-    room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
+    room, options = join([left, right], tmp_path / "joint"), ("--inverse", "none")
     here("build", room, *options)
     parsed = read_options([str(room), "a.png", "--no-config"], "")
     read = partial(room_of, parsed)
