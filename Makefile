@@ -4,7 +4,7 @@
 # new interpreter, not the copy of one that has imported the product: tests/warm_start.py).
 PYTHON ?= python3
 VENV ?= .venv
-WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 7 ? cores + 1 : 8)))
+WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 7 ? cores + 2 : 8)))
 python := $(VENV)/bin/python
 ready := $(VENV)/.ready
 folders := $(shell find player tools shaders calib_data -type d ! -name __pycache__ ! -path 'calib_data/example*')

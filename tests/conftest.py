@@ -56,8 +56,7 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup ignores SIGHUP; t
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
-# Files that take a worker long, longest first, so that no worker runs alone at the end. The third worker compiles
-# nothing, because it would wait while the second compiles the same functions.
+# Files that take a worker long, longest first, so that no worker runs alone at the end.
 LONGEST_FIRST = (
     "test_lint.py", "gl/test_audience.py", "test_acquisition.py", "test_supervisor.py", "test_segments.py",
     "test_cluster.py", "test_full_disk.py", "test_unweighted_optimum.py", "gl/test_window.py", "test_study.py",
