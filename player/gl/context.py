@@ -14,14 +14,13 @@ SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "gdi ge
 
 # Without these names, glcontext runs ldconfig twice for each context, which takes 9 ms.
 ON_LINUX = sys.platform == "linux"
-EGL_LIBRARIES = {"libgl": "libGL.so.1", "libegl": "libEGL.so.1"} if ON_LINUX else {}
-X11_LIBRARIES = {"libgl": "libGL.so.1", "libx11": "libX11.so.6"} if ON_LINUX else {}
+EGL_LIBRARIES: dict[str, Any] = {"libgl": "libGL.so.1", "libegl": "libEGL.so.1"} if ON_LINUX else {}
+X11_LIBRARIES: dict[str, Any] = {"libgl": "libGL.so.1", "libx11": "libX11.so.6"} if ON_LINUX else {}
 
 
 def window_context() -> moderngl.Context:
     """Return the OpenGL context, 3.3 or later, that a window has made current in this thread."""
-    settings: dict[str, Any] = {**X11_LIBRARIES}
-    return moderngl.create_context(require=330, **settings)
+    return moderngl.create_context(require=330, **X11_LIBRARIES)
 
 
 @contextmanager

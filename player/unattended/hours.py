@@ -94,13 +94,12 @@ class Keeper:
         self._closed.set()
 
     def _keep(self, projector: Projector) -> None:
-        looked: datetime | None = None
+        looked, again_s = self._clock(), 0.0
         wanted: bool | None = None
-        again_s = 0.0
         while not self._closed.is_set():
             now = self._clock()
             on = self._schedule().lit(now)
-            due = looked is None or not timedelta(0) <= now - looked < timedelta(seconds=LOOK_S)
+            due = not timedelta(0) <= now - looked < timedelta(seconds=LOOK_S)
             waited = self._obeyed.get(projector) != on and monotonic() >= again_s
             if due or waited or on != wanted:
                 looked, wanted, again_s = now, on, monotonic() + AGAIN_S

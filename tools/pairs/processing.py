@@ -50,8 +50,7 @@ class Processing:
         """Light by own code, (3, CODES); None if it depends on other codes, whose table takes 0.1 s."""
         if (self.table != self.table[:, :, :1, :1]).any():
             return None
-        own = self.table[:, :, 0, 0]
-        return np.moveaxis(_between(np.moveaxis(own, 1, 0), CODES), 0, 1).astype(np.float32)
+        return _between(self.table[:, :, 0, 0].T, CODES).T.astype(np.float32)
 
     @cached_property
     def _fine(self) -> NDArray[np.floating]:
