@@ -160,20 +160,17 @@ class _Counter:
     @contextmanager
     def installed(self) -> Iterator[None]:
         calls, exchange, opened = {name: getattr(os, name) for name in STEPS}, disk._exchange, io.open
-        self.install()
+        for name, call in calls.items():
+            setattr(os, name, self.wrapped(call))
+        disk._exchange = self.wrapped(exchange if self.fault.exchange else lambda *_: False)  # type: ignore[assignment]
+        counted = self.wrapped(opened)
+        io.open = lambda *a, **k: (counted if _writes(*a, **k) else opened)(*a, **k)  # type: ignore[assignment]
         try:
             yield
         finally:
             for name, call in calls.items():
                 setattr(os, name, call)
             disk._exchange, io.open = exchange, opened
-
-    def install(self) -> None:
-        for name in STEPS:
-            setattr(os, name, self.wrapped(getattr(os, name)))
-        disk._exchange = self.wrapped(disk._exchange if self.fault.exchange else lambda *_: False)  # type: ignore[assignment]
-        opened, counted = io.open, self.wrapped(io.open)
-        io.open = lambda *a, **k: (counted if _writes(*a, **k) else opened)(*a, **k)  # type: ignore[assignment]
 
 
 def _writes(file: Any, mode: str = "r", *_: Any, **__: Any) -> bool:
@@ -205,10 +202,10 @@ def _run(function: Callable[..., Any], arguments: list[Any], fault: Fault, write
     counter = _Counter(fault, lambda steps: os.write(write, b"%d\n" % steps) and None)
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)
-    counter.install()
     if fault.most_bytes is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (fault.most_bytes, resource.RLIM_INFINITY))
-    code, words = _outcome(function, arguments)
+    with counter.installed():
+        code, words = _outcome(function, arguments)
     os.write(write, f"{counter.steps}\n{code}\n{words}".encode())
     os._exit(0)
 

@@ -210,7 +210,7 @@ def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypat
         keeper = Keeper(lambda: Schedule((hours_of("10:00", "18:00"),), projectors=(of(lamp),)), lambda: now[0])
         until(lambda: lamp.count("POWR ?") > 0, "asked")
         now[0] = at("23 10:00:00")
-        until(lambda: lamp.power == WARMING, "told")
+        until(lambda: lamp.power == WARMING, "the order")
         now[0] = at("23 18:00:00")
         lamp.power = ON
         until(lambda: lamp.power == COOLING, "off again")
@@ -222,10 +222,10 @@ def test_a_changed_schedule_does_not_wait_for_the_next_query(monkeypatch: pytest
     now = [at("23 10:00:00")]
     with projector() as lamp:
         keeper = Keeper(lambda: Schedule((hours_of("10:00", "18:00"),), projectors=(of(lamp),)), lambda: now[0])
-        until(lambda: lamp.power == WARMING, "told")
+        until(lambda: lamp.power == WARMING, "the order")
         lamp.power = ON
         now[0] = at("23 18:00:00")
-        until(lambda: lamp.power == COOLING, "off at once")
+        until(lambda: lamp.power == COOLING, "the order of the changed schedule")
         keeper.close()
 
 
