@@ -82,6 +82,15 @@ def window_depths(display: str) -> set[int]:
     return {each.depth for each in _visible(display)}
 
 
+def title_that_gets_keys(display: str) -> str:
+    """Title of the window with the input focus; empty if no window has it."""
+    with contextlib.closing(Display(display)) as connection:
+        found = connection.get_input_focus().focus
+        with contextlib.suppress(BadWindow):  # the window was closed meanwhile
+            return "" if found in (X.NONE, X.PointerRoot) else found.get_wm_name() or ""
+    return ""
+
+
 def _visible(display: str) -> list[Any]:
     connection = Display(display)
     found = []

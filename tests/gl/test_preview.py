@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.desktop import mapped_windows, press, screen
+from tests.desktop import mapped_windows, press, screen, title_that_gets_keys
 from tests.programs import PATIENCE_S, on, running, verb, wait_until
 from tests.rooms import write_blurred_room
 
@@ -29,6 +29,7 @@ def room(tmp_path: Path) -> Path:
 def aiming(display: str, *arguments: object, windows: int = 2, **environment: str) -> Iterator[subprocess.Popen[str]]:
     with running(*verb("acquire"), *arguments, "--preview", **environment, **on(display)) as process:
         wait_until(lambda: len(mapped_windows(display)) == windows, "the preview's window", process)
+        wait_until(lambda: title_that_gets_keys(display) == "Counterlight preview", "the preview's keys", process)
         yield process
 
 
