@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from distributed import Client
+from distributed import Client, Nanny
 
+from counterlight.jobs.cluster import Cluster
 from counterlight.tools.shipped import CLIP
 from tests.programs import descendants, fail, here, running, script, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
@@ -173,6 +174,16 @@ def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Pa
     assert figures(tmp_path / "there") == found
     sheet = "pictures_wall.png"
     assert (tmp_path / "there" / sheet).read_bytes() == (tmp_path / "here" / sheet).read_bytes()
+
+
+def test_a_worker_that_does_not_end_in_time_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def kill(*_: object, **__: object) -> None:
+        raise TimeoutError
+
+    with Cluster("local:1") as cluster:
+        monkeypatch.setattr(Nanny, "kill", kill)
+        ((_, worker),) = cluster.completed([os.getpid])
+    os.kill(worker, signal.SIGKILL)
 
 
 @pytest.mark.parametrize(

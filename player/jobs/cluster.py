@@ -13,7 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import as_completed
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -45,7 +45,7 @@ class Cluster:
             self._client = self._connected()
             self._workers = self._checked_workers()
         except BaseException:
-            self._stack.close()
+            self.close()
             raise
 
     @property
@@ -90,8 +90,12 @@ class Cluster:
             executor.shutdown(wait=False)  # cancels the remaining jobs
 
     def close(self) -> None:
-        """End a local cluster, or disconnect from an external cluster."""
-        self._stack.close()
+        """End a local cluster, or disconnect from an external cluster.
+
+        On a busy machine, a local worker may take longer to end than dask waits for. Its results have arrived by then.
+        """
+        with suppress(TimeoutError):
+            self._stack.close()
 
     def __enter__(self) -> Self:
         return self
@@ -182,7 +186,7 @@ def _local_cluster(count: int) -> Any:
     if not count:
         raise InputError("--cluster local:0: expected at least one worker, such as local:2")
     threads = dict.fromkeys(THREADS, str(max((os.cpu_count() or 1) // count, 1)))
-    settings = {"dashboard_address": None, "silence_logs": 50, "memory_limit": 0}
+    settings = {"dashboard_address": ":0", "silence_logs": 50, "memory_limit": 0}
     try:
         return distributed.LocalCluster(n_workers=count, threads_per_worker=1, env=threads, **settings)
     except RuntimeError as error:

@@ -206,3 +206,18 @@ def test_it_finds_the_next_player_and_asks_for_a_token_that_is_wrong(
             visitor.ask("quit")
         page.wait("document.querySelector('#health').textContent === 'ended'")
         assert process.wait(PATIENCE_S) == 0
+
+
+def test_a_player_that_starts_between_two_requests_is_no_refusal(
+    tabs: Callable[[], Page], shared_show: tuple[Any, Place]
+) -> None:
+    """A socket fails, and the page is served a moment later."""
+    page = opened(tabs, shared_show[1])
+    page.ask(
+        "(Real => { let tries = 0; window.WebSocket = class extends Real "
+        "{ constructor(url, words) { super(tries++ ? url : url + '-of-nobody', words) } } })(WebSocket)"
+    )
+    page.ask("socket.close()")
+    page.wait("document.body.classList.contains('away')")
+    page.wait("!document.body.classList.contains('away') || document.querySelector('#door').open")
+    assert not page.ask("document.querySelector('#door').open")

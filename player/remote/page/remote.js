@@ -18,7 +18,8 @@ const waiting = new Map(), values = {}, watchers = {}, held = new Set();
 
 // The connection
 
-function connect() {
+// answered: the player has just served a page, so a refused socket means a wrong token, not a player that is starting
+function connect(answered = false) {
   const token = location.hash.slice(1);
   if (!token) return ask("");
   let opened = false;
@@ -32,8 +33,8 @@ function connect() {
     waiting.clear();
     serial = { camera: -1, screen: -1 };
     if (opened) setTimeout(connect, RETRY_MS);
-    else fetch("/").then(() => ask("The player does not take this token, or has no room for one more."),
-      () => setTimeout(connect, RETRY_MS));
+    else if (answered) ask("The player does not take this token, or has no room for one more.");
+    else fetch("/").then(() => connect(true), () => setTimeout(connect, RETRY_MS));
   };
 }
 
