@@ -58,6 +58,11 @@ def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str =
         yield display
 
 
+def own_display() -> str:
+    """Return a DISPLAY that no server chooses by itself, for a screen that comes late or comes back."""
+    return f":{1000 + os.getpid() % 50_000}"
+
+
 @contextmanager
 def two_monitors(
     folder: Path, first: tuple[int, int] = (1280, 720), second: tuple[int, int] = (1024, 768)
