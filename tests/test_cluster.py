@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from distributed import Client, Nanny
+from distributed import Client
 
-from counterlight.jobs.cluster import Cluster
 from counterlight.tools.shipped import CLIP
-from tests.programs import descendants, fail, here, running, script, succeed, verb, wait_until
+from tests.programs import PATIENCE_S, descendants, fail, here, running, script, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 from tests.test_segments import packets
 
@@ -176,14 +175,26 @@ def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Pa
     assert (tmp_path / "there" / sheet).read_bytes() == (tmp_path / "here" / sheet).read_bytes()
 
 
-def test_a_worker_that_does_not_end_in_time_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def kill(*_: object, **__: object) -> None:
-        raise TimeoutError
+SLOW_TO_END = """
+import os, signal
+from distributed import Nanny
+from counterlight.jobs.cluster import Cluster
 
+async def kill(*_, **__):
+    raise TimeoutError
+
+if __name__ == "__main__":
     with Cluster("local:1") as cluster:
-        monkeypatch.setattr(Nanny, "kill", kill)
+        Nanny.kill = kill
         ((_, worker),) = cluster.completed([os.getpid])
     os.kill(worker, signal.SIGKILL)
+"""
+
+
+def test_a_worker_that_does_not_end_in_time_costs_no_result() -> None:
+    with running(sys.executable, "-c", SLOW_TO_END) as process:
+        assert process.communicate(timeout=PATIENCE_S) == ("", "")
+    assert process.returncode == 0
 
 
 @pytest.mark.parametrize(
