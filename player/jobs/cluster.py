@@ -186,9 +186,10 @@ def _local_cluster(count: int) -> Any:
     if not count:
         raise InputError("--cluster local:0: expected at least one worker, such as local:2")
     threads = dict.fromkeys(THREADS, str(max((os.cpu_count() or 1) // count, 1)))
-    settings = {"dashboard_address": ":0", "silence_logs": 50, "memory_limit": 0}
+    page = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}  # unused; any free port
+    settings = {"threads_per_worker": 1, "silence_logs": 50, "memory_limit": 0, **page}
     try:
-        return distributed.LocalCluster(n_workers=count, threads_per_worker=1, env=threads, **settings)
+        return distributed.LocalCluster(n_workers=count, env=threads, **settings)
     except RuntimeError as error:
         raise InputError(
             f"--cluster local:{count}: a worker could not start ({one_line(error)}); free memory, or use fewer"
