@@ -329,7 +329,9 @@ def test_where_the_page_is_is_printed_and_what_stands_in_the_way_is_one_line(
     xvfb: str, small_room: Path, folder: Path
 ) -> None:
     state = {"XDG_STATE_HOME": str(folder)}
-    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--frames", "50") as (process, place):
+    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place):
+        with place.visit() as visitor:
+            visitor.ask("quit")
         answered = printed_address(process.communicate(timeout=PATIENCE_S)[0])
         assert answered is not None
         assert answered.groups() == (str(place.port), place.token)
