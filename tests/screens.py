@@ -58,8 +58,8 @@ def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str =
         yield display
 
 
-def own_display() -> str:
-    """Return a DISPLAY that no server chooses by itself, for a screen that comes late or comes back."""
+def reserved_display() -> str:
+    """Return a DISPLAY far above the numbers that X servers choose, for a screen that starts late or again."""
     return f":{1000 + os.getpid() % 50_000}"
 
 

@@ -191,7 +191,7 @@ def test_a_player_that_dies_or_hangs_is_replaced_where_it_was(
 def test_a_screen_that_goes_and_comes_back(room: Path, film: Path, tmp_path: Path, manager: socket.socket) -> None:
     """The player reports the missing screen in one line. The supervisor restarts it until a screen is there."""
     with ExitStack() as first:
-        display = first.enter_context(screens.one_screen(tmp_path, display=screens.own_display()))
+        display = first.enter_context(screens.one_screen(tmp_path, display=screens.reserved_display()))
         with supervised(display, tmp_path, room, film, "--loop", "--control", tmp_path / "socket") as show:
             pid = show.player()
             first.close()
@@ -406,7 +406,7 @@ def test_a_disk_and_a_screen_that_come_late_are_waited_for(
     room: Path, film: Path, tmp_path: Path, manager: socket.socket
 ) -> None:
     """Each missing part is named once. No wait counts as a crash, and the service manager hears that the show lives."""
-    display = screens.own_display()
+    display = screens.reserved_display()
     late = tmp_path / "disk" / "room"
     with supervised(display, tmp_path, late, film, "--loop", "--monitor", "0") as show:
 

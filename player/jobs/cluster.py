@@ -92,7 +92,7 @@ class Cluster:
     def close(self) -> None:
         """End a local cluster, or disconnect from an external cluster.
 
-        On a busy machine, a local worker may take longer to end than dask waits for. Its results have arrived by then.
+        On a busy machine, a local worker may take longer to end than dask waits. All results have arrived by then.
         """
         with suppress(TimeoutError):
             self._stack.close()
@@ -186,8 +186,13 @@ def _local_cluster(count: int) -> Any:
     if not count:
         raise InputError("--cluster local:0: expected at least one worker, such as local:2")
     threads = dict.fromkeys(THREADS, str(max((os.cpu_count() or 1) // count, 1)))
-    page = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}  # unused; any free port
-    settings = {"threads_per_worker": 1, "silence_logs": 50, "memory_limit": 0, **page}
+    settings = {
+        "threads_per_worker": 1,
+        "dashboard_address": "127.0.0.1:0",  # any free port for status requests; None would mean port 8787
+        "scheduler_kwargs": {"dashboard": False},
+        "silence_logs": 50,
+        "memory_limit": 0,
+    }
     try:
         return distributed.LocalCluster(n_workers=count, env=threads, **settings)
     except RuntimeError as error:

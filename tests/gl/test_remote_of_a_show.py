@@ -86,7 +86,7 @@ def test_what_a_visitor_asks_is_done_and_all_learn_what_changes(xvfb: str, small
 
 
 def test_pictures_of_the_screen_and_of_what_the_camera_will_see(xvfb: str, small_room: Path, folder: Path) -> None:
-    with show_with_remote(xvfb, folder, small_room, "clip.mkv") as (process, place), place.visit() as visitor:
+    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place), place.visit() as visitor:
         visitor.ask("set_property", "pause", True)
         visitor.ask("set_property", "test-card", "grid")
 

@@ -215,7 +215,7 @@ def test_a_player_that_starts_between_two_requests_is_no_refusal(
     page = opened(tabs, shared_show[1])
     page.ask(
         "(Real => { let tries = 0; window.WebSocket = class extends Real "
-        "{ constructor(url, words) { super(tries++ ? url : url + '-of-nobody', words) } } })(WebSocket)"
+        "{ constructor(url, words) { super(tries++ ? url : url + '-absent', words) } } })(WebSocket)"
     )
     page.ask("socket.close()")
     page.wait("document.body.classList.contains('away')")
