@@ -232,6 +232,19 @@ def test_a_camera_that_changes_is_reported_and_nothing_corrected(
     assert np.abs(middle(view, last)).max() < STILL_PX
 
 
+def test_only_a_camera_that_is_waited_for_is_silent(view: RoomView) -> None:
+    """A capture that takes long to compare is not the camera's silence."""
+    watching = watcher.Watcher(view, 1e-4, 1 / 60)
+    watching.arrived(1.0)
+    assert watching.answer(60.0).state == "looking"
+    watching.waits(60.0)
+    answers = [watching.answer(time_s) for time_s in (62.0, 64.0)]
+    watching.arrived(64.5)
+    answers.append(watching.answer(65.0))
+    assert [each.state for each in answers] == ["looking", "no camera", "looking"]
+    assert answers[1].reason == "no capture for 4 s"
+
+
 def test_dust_is_learned_within_minutes_and_forgotten_if_the_camera_moves_meanwhile(
     view: RoomView, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

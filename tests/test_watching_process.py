@@ -19,6 +19,7 @@ from counterlight import calibration
 from counterlight.calibration import StoredCalibration
 from counterlight.files.picture_files import write_png
 from counterlight.pipeline.drift import Moved
+from counterlight.tools.watching.cameras import open_cameras
 from counterlight.unattended import watch_link
 from counterlight.unattended.watch_link import Answer, Light, Picture, Situation, Start
 from tests.drifted_rooms import write_changed
@@ -100,6 +101,15 @@ def test_a_moved_picture_is_found_from_the_film(
                 break
     paint = np.load(tmp_path / watch_link.PAINT)
     assert paint.shape == (*stored.calibration.camera.shape, 3)
+
+
+def test_a_slow_simulated_camera_sees_the_newest_pictures(stored: StoredCalibration, tmp_path: Path) -> None:
+    start = Start(str(stored.folder), (f"simulated:{stored.folder}",), (), 1, 1 / 60, str(tmp_path))
+    drive = np.zeros((*stored.calibration.projector.shape, 3), np.float16)
+    with open_cameras(start, stored.calibration) as camera:
+        for time_s in range(5):
+            camera.show(Picture(float(time_s), drive))
+        np.testing.assert_allclose([camera.arrival() for _ in range(2)], [3, 4], atol=0.001)
 
 
 def test_a_missing_camera_is_reported_again_and_again(stored: StoredCalibration, tmp_path: Path) -> None:

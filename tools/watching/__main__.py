@@ -158,6 +158,8 @@ class _Process:
             watcher = self._watcher
         self._camera = camera
         while True:
+            with self._lock:
+                watcher.waits(time.monotonic())
             arrived_s = camera.arrival()
             with self._lock:
                 watcher.arrived(arrived_s)

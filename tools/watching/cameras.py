@@ -4,7 +4,7 @@ import os
 import queue
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -115,7 +115,7 @@ class NewestFile:
 
 
 class SimulatedFrames:
-    """A simulated room under the pictures that the player sends; each picture gives one capture."""
+    """A simulated room under the newest pictures that the player sends; a picture gives at most one capture."""
 
     exposure_s, follows = BRIEF_S, True
 
@@ -140,8 +140,11 @@ class SimulatedFrames:
         return self._camera.device.frame()
 
     def show(self, picture: Picture) -> None:
-        if not self._pictures.full():
-            self._pictures.put(picture)
+        """Add a picture; if captures take longer than pictures, the oldest one has no capture."""
+        if self._pictures.full():
+            with suppress(queue.Empty):
+                self._pictures.get_nowait()
+        self._pictures.put(picture)
 
 
 @contextmanager

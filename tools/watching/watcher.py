@@ -53,7 +53,7 @@ RARE_S, LOOKING_S = 1.0, 0.1  # longest time without a capture: usually, and whi
 CUT = 0.03  # RMS uncertainty of the picture of a capture, drive; above it, the capture spans a cut
 STILL_CAMERA = 4  # identical captures of a changing film, which no working camera gives
 CHANGED = 0.02  # RMS change of the light of a film that changes
-SILENT_S = 3.0  # time without captures
+SILENT_S = 3.0  # time for which the watcher waits for a capture
 STRANGE, AGREED = 6, 0.6  # captures, and their least agreement with the prediction
 EXPOSURES = 12  # captures from which an automatic exposure is detected
 AUTOMATIC = 0.7, 0.03  # least correlation of gain and brightness, and least deviation of the gain
@@ -127,6 +127,7 @@ class Watcher:
         self._looked_s = self._searched_s = self._fitted_s = self._answered_s = -np.inf
         self._capture_s = self._compared_s = -np.inf
         self._arrivals: deque[float] = deque(maxlen=ARRIVALS)
+        self._waits_s = np.inf
         self._history: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=round(BACK_S / FIND_EVERY_S))
         self._applied = self._estimate.applied
         self._unclear_s, self._moving = np.inf, 0
@@ -150,9 +151,14 @@ class Watcher:
     def situation(self, situation: Situation) -> None:
         self._situation = situation
 
+    def waits(self, time_s: float) -> None:
+        """Take note that all captures are taken, and that the next one is waited for from `time_s` on."""
+        self._waits_s = time_s
+
     def arrived(self, time_s: float) -> None:
         """Take note of a capture, also of one that is not taken."""
         self._arrivals.append(time_s)
+        self._waits_s = np.inf
 
     def wants(self, time_s: float) -> bool:
         """Whether to take a capture that arrives at `time_s`: its frames are known, or the last one is long ago."""
@@ -310,8 +316,8 @@ class Watcher:
     def _state(self, now_s: float) -> tuple[str, str]:
         if self._situation.frozen:
             return "frozen", "the correction is frozen"
-        if self._capture_s > -np.inf and now_s - self._capture_s > SILENT_S:
-            return "no camera", f"no capture for {now_s - self._capture_s:.0f} s"
+        if self._arrivals and now_s - self._waits_s > SILENT_S:
+            return "no camera", f"no capture for {now_s - self._waits_s:.0f} s"
         if max(self._same) >= STILL_CAMERA:
             name = _named("camera", int(np.argmax(self._same)), self._same)
             return "no camera", f"{name} repeats one picture while the film changes"
