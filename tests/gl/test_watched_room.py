@@ -42,6 +42,6 @@ def test_a_drift_is_found_in_the_film_and_corrected(
         wait_until(lambda: client.get("watch-state")["state"] in ("correcting", "holding"), "the correction", process)
         assert client.ask("set_property", "watch-freeze", True)["error"] == "success"
         wait_until(lambda: client.get("watch-state")["state"] == "frozen", "the freeze", process)
+        wait_until(lambda: any((tmp_path / "record").glob("*-blocks.png")), "the recorded blocks", process)
         assert [line for line in client.get("notices") if not line.startswith(OF_A_BUSY_MACHINE)] == []
     assert any("correcting" in line or "holding" in line for line in report(tmp_path / "record"))
-    assert list((tmp_path / "record").glob("*-blocks.png"))
