@@ -3,15 +3,17 @@
 import asyncio
 import json
 import socket
+import time
 
 import pytest
 
 from counterlight.remote import link
 from counterlight.remote.link import Answer, Link
+from counterlight.remote.visitor import Pictures
 
 
 class Show:
-    """Records the first `late` requests without an answer, and answers all later ones."""
+    """Records the first `late` requests without an answer, and answers all later ones. Has no pictures."""
 
     def __init__(self, late: int) -> None:
         self.theirs, self._ours = socket.socketpair()
@@ -25,7 +27,8 @@ class Show:
             self.asked.append(request["command"])
             if len(self.asked) > self._late:
                 named = [{"name": request["command"][1]}]
-                answer = {"request_id": request["request_id"], "error": "success", "data": named}
+                data = None if request["command"][0] == "preview" else named
+                answer = {"request_id": request["request_id"], "error": "success", "data": data}
                 self.writer.write(json.dumps(answer).encode() + b"\n")
 
 
@@ -45,6 +48,23 @@ def test_a_show_that_still_reads_its_room_is_asked_again(monkeypatch: pytest.Mon
     assert list(talk.commands) == ["command-list"]
     assert list(talk.properties) == ["property-info"]
     assert show.asked == [["get_property", "command-list"]] * 3 + [["get_property", "property-info"]]
+
+
+def test_a_show_is_asked_for_a_picture_at_most_five_times_per_second() -> None:
+    async def seconds_for_four_requests() -> float:
+        show = Show(late=0)
+        talk = Link(show.theirs)
+        tasks = [asyncio.create_task(each.run()) for each in (show, talk)]
+        pictures, begun_s = Pictures(talk), time.monotonic()
+        while len(show.asked) < 4:
+            assert (await pictures.take("screen", -1))["data"] is None
+            await asyncio.sleep(0.001)
+        took_s = time.monotonic() - begun_s
+        show.writer.close()
+        await asyncio.gather(*tasks)
+        return took_s
+
+    assert asyncio.run(seconds_for_four_requests()) >= 3 / 5
 
 
 def test_a_show_that_goes_leaves_nobody_waiting() -> None:

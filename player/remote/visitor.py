@@ -11,6 +11,7 @@ requests are delayed.
 
 import asyncio
 import json
+import math
 import time
 from typing import Any
 
@@ -20,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from counterlight.remote.link import Answer, Link
 from counterlight.unattended.json_lines import encode
 
-PICTURE_INTERVAL_S = 0.2
+PICTURE_INTERVAL_S = 0.2  # least seconds between two requests to the show for a picture
 
 
 class Pictures:
@@ -33,7 +34,7 @@ class Pictures:
     async def take(self, name: str, serial: object) -> Answer:
         """Return the answer to `preview NAME SERIAL`. Asks the show for a picture at most five times per second."""
         async with self._lock:
-            if time.monotonic() - self._asked_at.get(name, -PICTURE_INTERVAL_S) >= INTERVAL_S:
+            if time.monotonic() - self._asked_at.get(name, -math.inf) >= PICTURE_INTERVAL_S:
                 answer = await self._link.ask("preview", name, self._kept.get(name, {}).get("serial", -1))
                 if answer["error"] != "success":
                     return answer

@@ -99,13 +99,18 @@ def test_pictures_of_the_screen_and_of_what_the_camera_will_see(xvfb: str, small
         assert picture("screen").shape == (28, 36, 3)
         assert picture("camera").shape == (30, 40, 3)
         assert "expected screen, camera" in visitor.ask("preview", "wall", -1)["message"]
-        time.sleep(1.0)  # the requested picture has been drawn
-        visitor.ask("preview", "screen", -1)
-        time.sleep(0.5)  # longer than the interval between pictures
-        serial = visitor.ask("preview", "screen", -1)["data"]["serial"]
-        for _ in range(3):
-            time.sleep(0.5)
-            assert visitor.ask("preview", "screen", serial)["data"] is None  # nothing has changed
+
+        def rests() -> bool:
+            """Whether no newer picture comes within one and a half seconds."""
+            newest = visitor.ask("preview", "screen", -1)["data"]
+            until_s = time.monotonic() + 1.5
+            while newest is not None and time.monotonic() < until_s:
+                time.sleep(0.3)  # longer than the interval between pictures
+                if visitor.ask("preview", "screen", newest["serial"])["data"] is not None:
+                    return False
+            return newest is not None
+
+        wait_until(rests, "a paused show draws nothing new", process)
 
 
 @pytest.mark.usefixtures("visitor")
