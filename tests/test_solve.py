@@ -3,6 +3,7 @@
 `make fuzz` draws more random systems.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,7 @@ from scipy.optimize import lsq_linear, nnls
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 from counterlight import calibration
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.files import exr
 from counterlight.processing import LEVELS, Processing
@@ -191,6 +193,17 @@ def test_prepared_once_a_solver_gives_what_it_gives_anew(rng: np.random.Generato
     once = prepare(solver, T)
     for b in pictures:
         np.testing.assert_array_equal(once.solve(b).unclamped, prepare(solver, T).solve(b).unclamped)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_channel_is_solved_alike_next_to_much_brighter_channels(rng: np.random.Generator, solver: str) -> None:
+    near, b = blurred_transport(rng, (12, 16), (10, 13), 0.4), rng.uniform(size=(12 * 16, 3))
+
+    def green(scales: Sequence[float]) -> FloatArray:
+        T = Transport.from_matrices([scale * near for scale in scales], camera=(12, 16))
+        return prepare(solver, T).solve(b * scales).unclamped[:, 1]
+
+    np.testing.assert_allclose(green((1e4, 1e-4, 1e6)), green((1, 1, 1)), atol=0.01)
 
 
 def test_interrupts_reach_the_pool() -> None:

@@ -25,7 +25,7 @@ Picture = NDArray[np.float32]
 FIRST_LOOK, MOST_STEPS = 16, 2048
 SETTLED = 0.03  # if twice the steps gain less than this share of the total, a square counts as solved
 TO_THE_END = -1
-FAINTEST = 1e-12  # share of the largest curvature; smaller values count as unlit
+FAINTEST = 1e-12  # share of the channel's largest curvature; smaller values count as unlit
 
 
 class Square(NamedTuple):
@@ -84,7 +84,8 @@ def unweighted(square: Square, lit: BoolArray) -> Square:
     found = free._replace(weights=weights, trust=trust)
     curvature = np.zeros(square.step.shape)
     _lit(found, np.ones(square.step.shape), np.zeros((square.trust.size, 3)), curvature)
-    step = np.divide(1, curvature, out=np.zeros_like(curvature), where=curvature > FAINTEST * curvature.max(initial=0))
+    bright = curvature > FAINTEST * curvature.max(axis=(0, 1), initial=0)
+    step = np.divide(1, curvature, out=np.zeros_like(curvature), where=bright)
     return found._replace(step=step.astype(np.float32))
 
 

@@ -38,7 +38,7 @@ def direct_mapping(dual: Transport, composition: FloatArray, data_share: FloatAr
     most = lit_most(dual)
     asking = np.flatnonzero(most >= 0)
     light = composition[most[asking]]
-    inverse = np.divide(1.0, light, out=np.zeros(light.shape), where=light > FAINTEST * composition.max(initial=0.0))
+    inverse = np.divide(1.0, light, out=np.zeros(light.shape), where=light > FAINTEST * composition.max(axis=0, initial=0.0))
     inverse = inverse * data_share[asking]
     starts = np.searchsorted(asking, np.arange(dual.shape[0] + 1))
     return SparseRows(starts, most[asking].astype(np.int32), inverse, dual.shape[1])
@@ -89,7 +89,7 @@ def triangulated_mapping(T: Transport, camera: Shape, projector: Shape) -> Spars
     corners, beta = _held(*places(T.near, projector[1]), projector)
     holds = _of_one_surface(corners, luminance(composition), camera[1]) & (beta >= 0).all(axis=1)
     light = np.einsum("jk,jkc->jc", beta[holds], composition[corners[holds]])
-    bright = light > FAINTEST * composition.max(initial=0.0)
+    bright = light > FAINTEST * composition.max(axis=0, initial=0.0)
     scale = np.divide(1.0, light, out=np.zeros(light.shape), where=bright)
     weights = beta[holds][:, :, None] * scale[:, None, :]
     asked = corners[holds].astype(np.int32).ravel()

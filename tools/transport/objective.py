@@ -30,7 +30,7 @@ from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import LEAST_TRUST, camera_pixels, seen, shares, trust
 
-FAINTEST = 1e-12  # share of the largest d; projector pixels below it light nothing, and their step would overflow
+FAINTEST = 1e-12  # share of the channel's largest d; projector pixels below it light nothing, and their step would overflow
 FINEST = 1e-6  # share of ½ Σ w b²; an error 60 dB below the target needs no finer certificate
 HARDLY_SEEN = 0.02  # share of the usual visibility; at this value, the prior is as strong as the camera's data
 FALL = 4  # the power by which the prior fades with visibility: 2e-7 of d for fully seen pixels
@@ -155,7 +155,7 @@ class Objective:
     def step_size(self) -> FloatArray:
         """1 / curvature; 0 for pixels without light and prior."""
         total = self.curvature
-        return np.divide(1.0, total, out=np.zeros_like(total), where=total > FAINTEST * total.max(initial=0.0))
+        return np.divide(1.0, total, out=np.zeros_like(total), where=total > FAINTEST * total.max(axis=0, initial=0.0))
 
     def descent(self, p: FloatArray, b: FloatArray) -> FloatArray:
         """Return TᵀW (b − T p) − P p, the negative gradient. b must be bounded."""
