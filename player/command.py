@@ -116,6 +116,7 @@ class Parser(argparse.ArgumentParser):
         called = Path(sys.argv[0]).name
         prog = called if called == SCRIPTS.get(verb) else f"counterlight {verb}".strip()
         super().__init__(prog, formatter_class=_Formatter, add_help=False, **settings)
+        self.register("type", Path, _path)
         self.examples, self.common = examples, common
         self._positionals.title = "arguments"
         self._help = self.add_argument_group("help")
@@ -189,6 +190,12 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, complaint)
 
 
+def _path(text: str) -> Path:
+    if not text:  # a shell's unset variable; Path("") would mean the current folder
+        raise argparse.ArgumentTypeError("is empty; expected a path")
+    return Path(text)
+
+
 def _columns() -> int:
     return min(shutil.get_terminal_size().columns - 2, WIDEST)
 
@@ -234,13 +241,24 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
             tell(f"error: what is printed, or kept meanwhile: {error.strerror}; make room", patience_s=LAST_WORDS_S)
             return BAD_INPUT
         if error.filename is None:
-            raise
+            if error.errno != errno.ENOENT or _has_current_folder():
+                raise
+            tell("error: the current folder no longer exists; change to another one (cd)", patience_s=LAST_WORDS_S)
+            return BAD_INPUT
         tell(f"error: {error.filename}: {error.strerror}; check the path and its rights", patience_s=LAST_WORDS_S)
         return BAD_INPUT
     except KeyboardInterrupt as signalled:
         notes = dict.fromkeys(getattr(signalled, "__notes__", []))  # what the interrupted parts say (Python 3.11)
         tell(": ".join(["interrupted", *notes]), patience_s=LAST_WORDS_S)
         return INTERRUPTED
+
+
+def _has_current_folder() -> bool:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def verb(body: Callable[[Sequence[str] | None], int | None]) -> partial[int]:

@@ -55,8 +55,8 @@ def main(argv: Sequence[str] | None) -> None:
     from counterlight.tools.report.acquired import write_acquisition_report
 
     output: Path = options.output
-    captures = options.captures = options.captures or output.with_name(f"{output.name}.captures")
-    report_folder = options.report or output.with_name(f"{output.name}.report")
+    captures = options.captures = options.captures or output.parent / f"{output.name}.captures"
+    report_folder = options.report or output.parent / f"{output.name}.report"
     make_scheme = None if options.pictures else _scheme(options)
     aim = _aim(options)
     wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
@@ -109,10 +109,10 @@ def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path
     from counterlight.tools.report.report import check_report_folder
 
     output = wanted.room
-    check_apart(output, captures, report)
     read = sources_of(options.camera)
     for folder in (output, captures, report):
         check_folder(folder, inputs=read)
+    check_apart(output, captures, report)
     refuse_existing(output, force=wanted.anew)
     check_captures(captures, wanted)
     check_report_folder(report)

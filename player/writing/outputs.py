@@ -57,8 +57,7 @@ def check_log(path: Path, *, inputs: Iterable[Path] = ()) -> None:
 
 def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
     """Check that `folder` can be written as a folder, and contains no input."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")
+    refuse_irreplaceable(folder)
     real = real_path(folder)
     above = next((parent for parent in real.parents if parent.exists()), real)
     _check_parent(above / real.name)
@@ -66,6 +65,16 @@ def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
         if real == real_path(given) or real in real_path(given).parents:
             held = "" if real == real_path(given) else f"holds {given}, which "
             raise InputError(f"{folder}: would be replaced, and {held}is read; choose another folder")
+
+
+def refuse_irreplaceable(folder: Path) -> None:
+    """Raises InputError if `folder` is a file, or is or contains the current folder, which a shell would lose."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")
+    real, current = real_path(folder), Path.cwd()
+    if real == current or real in current.parents:
+        what = "is" if real == current else "contains"
+        raise InputError(f"{folder}: would be replaced, and {what} the current folder; name a folder inside it")
 
 
 def check_apart(*outputs: Path | None) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from counterlight.errors import InputError
 from counterlight.writing import disk, moves
 from counterlight.writing.numbered import sequence_at
-from counterlight.writing.outputs import kind_of, real_path
+from counterlight.writing.outputs import kind_of, real_path, refuse_irreplaceable
 from counterlight.writing.stage import Stage, clean_up, staged
 
 # Errors that only writing can cause. They often do not contain a path.
@@ -140,5 +140,4 @@ def _is_about(error: OSError, target: Path) -> bool:
 def _refuse_folder(folder: Path, refuse: Callable[[Path], None] | None) -> None:
     if refuse is not None:
         refuse(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")
+    refuse_irreplaceable(folder)
