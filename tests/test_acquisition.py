@@ -194,7 +194,7 @@ def test_captures_of_other_options_are_not_mixed(
     for change, key in (
         (["--seed", "1"], "camera"),
         (["--exposures", "1,0.5"], "camera"),
-        (["--tile", "5"], "tile"),
+        (["--scheme", "multiplexed", "--tile", "5"], "scheme"),
         (["--shots", "2"], "camera"),
     ):
         assert f"captures of another acquisition ({key}: " in refusal(capsys, *arguments, *change, "--force")
@@ -358,6 +358,8 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
         (["--camera", "simulated:ROOM", "--projector", "21x30"], "has 30x21 pixels; width and height are swapped"),
         (["--camera", "simulated:ROOM", "--threshold", "much"], "--threshold much: expected a multiple"),
         (["--camera", "simulated:ROOM", "--threshold", "-1"], "--threshold"),
+        (["--camera", "simulated:ROOM", "--threshold", ""], "--threshold : expected a multiple"),
+        (["--camera", "simulated:ROOM", "--tile", "9"], "--tile 9: of no meaning to --scheme hierarchical"),
         (
             ["--camera", "simulated:ROOM", "--threshold", "0.01"],
             "--threshold 0.01: less than the noise",

@@ -375,6 +375,9 @@ def test_floats_that_look_like_codes_are_reported_by_a_warning(room: cl.Room) ->
         cl.solve(room, CODES.astype(float), "direct")
     assert caught[0].filename == __file__
     cl.solve(room, CODES.astype(float), "direct", white=1.0)  # radiance
+    with pytest.warns(UserWarning, match="drive: its median is .* pass code values as uint8") as caught:
+        room.seen(np.full((*room.projector, 3), 200.0))
+    assert caught[0].filename == __file__
 
 
 @pytest.mark.parametrize(
@@ -450,6 +453,7 @@ def test_maps_and_rooms_belong_together(room: cl.Room, maps: RoomMaps, tmp_path:
         (lambda room: cl.simulate(""), "scene is empty"),
         (lambda room: cl.simulate(None), "scene=None: expected a path"),
         (lambda room: cl.simulate("wall", without="shadows"), "without='shadows': expected a list of names"),
+        (lambda room: cl.simulate("wall", without=3), "without=3: expected a list of names"),
         (lambda room: cl.simulate("wall", without=["shadow"]), "did you mean 'shadows'"),
         (lambda room: cl.simulate("wall", within=-1), "within=-1: expected at least 0"),
         (lambda room: cl.simulate("wall", within="0.1dB"), "within='0.1dB': expected a number"),
@@ -470,8 +474,10 @@ def test_maps_and_rooms_belong_together(room: cl.Room, maps: RoomMaps, tmp_path:
         (lambda room: cl.build_maps(room, refine="no"), "refine: expected bool, found str"),
         (lambda room: cl.build_maps(room, colour="pixel"), "colour pixel: .*leave the argument out"),
         (lambda room: cl.solve(room, 0.5, None), "solver=None: expected one of"),
+        (lambda room: cl.solve(room, 0.5, priors="yes"), "priors: expected bool, found str"),
         (lambda room: cl.solve(room, 0.5, ["box"]), "solver=.*: expected one of"),
         (lambda room: cl.read_room("nosuch"), "nosuch: no such folder"),
+        (lambda room: cl.read_room("\0"), "contains a NUL character"),
         (lambda room: cl.read_maps(3), "folder=3: expected a path"),
         (lambda room: cl.read_picture("nosuch.png", room), "nosuch.png: no such file"),
         (lambda room: cl.read_picture("nosuch.png", (1 << 20, 1 << 20)), "where height=1048576: expected 1 to"),

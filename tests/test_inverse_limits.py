@@ -58,6 +58,8 @@ def test_the_manifest_says_what_was_done_and_why(built: Path) -> None:
         (["--max-cluster", "many"], "invalid int value: 'many'"),
         (["--noise", "-1"], "--noise -1.0: expected 0 up to 1"),
         (["--noise", "nan"], "--noise nan: expected 0 up to 1"),
+        (["--inverse", "none", "--noise", "0.1"], "--noise 0.1: --inverse none inverts nothing; leave one of them out"),
+        (["--inverse", "none", "--regularize", "0.5"], "--regularize 0.5: --inverse none inverts nothing"),
         (["--method", "windowed"], "unrecognized arguments: --method windowed"),
     ],
 )

@@ -86,7 +86,9 @@ def test_pictures_are_vectors_in_their_own_order(parts: Transport, matrices: np.
         assert seen.shape == target.shape
         np.testing.assert_array_equal(seen.ravel(), A @ source.ravel())
         np.testing.assert_array_equal(A(source), seen)
-        np.testing.assert_array_equal((A @ source.astype(np.float32)).shape, target.shape)
+        for of in ("<f2", "<f4", ">f4", ">f8", "g", "?"):
+            given = source.astype(of)
+            np.testing.assert_array_equal(A @ given, A @ given.astype(np.float64))
     for k in range(3):
         np.testing.assert_allclose((T @ p)[..., k], T.channel(k) @ p[..., k], rtol=1e-12)
     np.testing.assert_allclose((T @ p)[2, 3, 1], matrices[1, 2 * 9 + 3] @ p[..., 1].ravel(), rtol=1e-12)

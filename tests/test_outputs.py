@@ -108,7 +108,10 @@ REFUSED = [
     ("tools.fit_projector_response ramp.csv -o room/calibration.toml", IN_ROOM),
     ("tools.build_correction_map room --report room/report", IN_ROOM),
     ("tools.build_correction_map room --report room", HOLDS),
-    ("tools.build_correction_map room --report .", HOLDS),
+    ("tools.build_correction_map room --report .", "would be replaced, and is the current folder"),
+    ("tools.simulate_transport scene.toml -o ..", "would be replaced, and contains the current folder"),
+    ("tools.acquire_transport --camera simulated:room -o .", "would be replaced, and is the current folder"),
+    ("tools.acquire_transport --camera simulated:room --output=", "is empty; expected a path"),
     ("tools.build_correction_map room --report noted", STRANGER),
     ("tools.simulate_transport scene.toml -o room/inner", IN_ROOM),
     ("tools.simulate_transport scene.toml -o own --force", STRANGER),
@@ -175,3 +178,13 @@ def test_outputs_are_refused_before_any_work(
     assert line.startswith("error: ")
     assert re.search(complaint, line), line
     assert state(furnished) == before
+
+
+def test_a_current_folder_that_is_gone_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert build_correction_map.main(["room"]) == 2
+    assert capsys.readouterr().err == "error: the current folder no longer exists; change to another one (cd)\n"

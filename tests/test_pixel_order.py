@@ -11,13 +11,21 @@ CAMERA, PROJECTOR = (24, 32), (18, 30)
 
 
 @pytest.mark.parametrize("what", ["camera", "projector", "both"])
-@pytest.mark.parametrize(("tilt", "cover", "blur"), [(0.2, 1.0, 0.4), (0.5, 0.7, 0.4), (0.2, 1.4, 2.0)])
-def test_swapped_sizes_are_found(what: str, tilt: float, cover: float, blur: float) -> None:
-    near = rows(smooth(np.random.default_rng(4), CAMERA, PROJECTOR, tilt=tilt, cover=cover, blur=blur))
-    given = swapped(CAMERA, PROJECTOR)[what]
+@pytest.mark.parametrize(
+    ("projector", "tilt", "cover", "blur"),
+    [
+        (PROJECTOR, 0.2, 1.0, 0.4),
+        (PROJECTOR, 0.5, 0.7, 0.4),
+        (PROJECTOR, 0.2, 1.4, 2.0),
+        ((18, 24), 0.0, 1.0, 0.6),  # of the camera's shape, straight ahead
+    ],
+)
+def test_swapped_sizes_are_found(what: str, projector: tuple[int, int], tilt: float, cover: float, blur: float) -> None:
+    near = rows(smooth(np.random.default_rng(4), CAMERA, projector, tilt=tilt, cover=cover, blur=blur))
+    given = swapped(CAMERA, projector)[what]
     found = misreading(near, *given)
     assert found is not None
-    assert (found.given, found.smooth) == (given, (CAMERA, PROJECTOR))
+    assert (found.given, found.smooth) == (given, (CAMERA, projector))
     assert found.roughness[1] < 0.25 < found.roughness[0]
 
 

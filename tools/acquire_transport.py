@@ -94,7 +94,9 @@ def _choose_scheme(options: argparse.Namespace) -> None:
     """Set the scheme and its threshold; InputError for options that --pictures does not take."""
     if options.pictures is None:
         options.scheme = options.scheme or "hierarchical"
-        options.threshold = options.threshold or "4"
+        options.threshold = "4" if options.threshold is None else options.threshold
+        if options.tile is not None and options.scheme != "multiplexed":
+            raise InputError(f"--tile {options.tile}: of no meaning to --scheme {options.scheme}; leave it out")
         return
     for name in ("scheme", "threshold", "tile", "averaging"):
         if (given := getattr(options, name)) not in (None, 0.0):  # --averaging 0 is what --pictures does

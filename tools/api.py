@@ -20,7 +20,7 @@ from counterlight import calibration as calibrations
 from counterlight import memory
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Device
-from counterlight.errors import InputError
+from counterlight.errors import InputError, shown
 from counterlight.maps import room_maps as correction
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.plots import panels
@@ -80,7 +80,8 @@ class Room:
             raise InputError(f"T of shape {self.parts.shape}, the calibration is for {expected}")
 
     def __repr__(self) -> str:
-        return f"<Room {self.calibration.name!r}: camera {self.camera}, projector {self.projector}, {self.parts!r}>"
+        sizes = f"camera {self.camera}, projector {self.projector}"
+        return f"<Room {shown(self.calibration.name)}: {sizes}, {self.parts!r}>"
 
     @classmethod
     @in_python(tolerance="factor")
@@ -205,7 +206,7 @@ class Room:
 
         drive : (projector height, projector width, 3). Linear light as floats, or sRGB code values (`solve`).
         """
-        return self.tier.seen(arguments.picture(drive, self.projector, "drive"))
+        return self.tier.seen(arguments.picture(drive, self.projector, "drive", of_white=True))
 
     def plot(self) -> Figure:
         """Draw the room under full light and without the projector, what counts, and T's entries (needs matplotlib)."""
@@ -368,6 +369,7 @@ def solve(
     from counterlight.tools.solve.registry import OF_PICTURES, SOLVERS, prepare
 
     arguments.choice(solver, "solver", SOLVERS | OF_PICTURES)
+    arguments.instance(priors, bool, "priors")
     coloured = _coloured(room, colour)
     tier, objective = coloured.tier, coloured._objective
     wanted = arguments.picture(picture, room.camera, "picture", of_white=white is None)
@@ -457,7 +459,10 @@ def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
     if list(shapes) != [expected]:
         found = " and ".join(map(str, shapes)) or "()"
         raise InputError(f"primaries of shape {found}, expected {expected}: pictures of red, green, blue")
-    return np.stack([arguments.radiance(each, camera, "primaries") for each in pictures])
+    radiances = np.stack([arguments.radiance(each, camera, "primaries") for each in pictures])
+    if dark := [name for name, picture in zip(CHANNELS, radiances, strict=True) if not picture.any()]:
+        raise InputError(f"primaries: no light under full {' and '.join(dark)}; give all three pictures, or none")
+    return radiances
 
 
 def _channel(matrix: object, colour: str, shape: Shape) -> Csr:

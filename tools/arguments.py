@@ -115,7 +115,8 @@ def choice(value: str, name: str, known: Iterable[str]) -> str:
 
 def words(values: Iterable[str], name: str) -> tuple[str, ...]:
     """Returns several names; TypeError for a single string, which would be split into letters."""
-    if isinstance(values, str) or not all(isinstance(each, str) for each in values):
+    several = isinstance(values, Iterable) and not isinstance(values, str)
+    if not several or not all(isinstance(each, str) for each in values):
         raise TypeError(f"{name}={shown(values)}: expected a list of names")
     return tuple(values)
 
@@ -125,6 +126,8 @@ def path(value: str | PathLike[str], name: str) -> Path:
         raise TypeError(f"{name}={shown(value)}: expected a path")
     if not str(value):
         raise InputError(f"{name} is empty; expected a path")
+    if "\0" in str(value):
+        raise InputError(f"{name}={shown(value)}: contains a NUL character; expected a path")
     return Path(value)
 
 
@@ -198,7 +201,7 @@ def matrix(values: object, name: str) -> Csr:
 def real_array(values: object, name: str) -> NDArray[Any]:
     """Convert values to an array of real numbers by `__array__` or DLPack; TypeError if numpy cannot."""
     if isinstance(values, np.ma.MaskedArray):
-        raise TypeError(f"{name}: a masked array, whose mask would be lost; fill it first, as {name}.filled(0)")
+        raise TypeError(f"{name}: a masked array, whose mask would be lost; fill it first, with its method filled(0)")
     try:
         exported = hasattr(values, "__dlpack__") and not hasattr(values, "__array__")
         array = np.from_dlpack(values) if exported else np.asarray(values)  # type: ignore[arg-type]

@@ -36,7 +36,7 @@ class _PictureOperator(LinearOperator):
         super().__init__(np.float64, (int(np.prod(self.target)), int(np.prod(self.source))))  # type: ignore[call-arg]
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.shape}: projector {self.source}, camera {self.target}>"
+        return f"<{type(self).__name__} {self.shape}: from pictures {self.source} to {self.target}>"
 
     def dot(self, x: Any) -> Any:
         """Return T x of a picture, a vector (pixels,) or columns (pixels, k): linear floating-point light.
@@ -48,6 +48,7 @@ class _PictureOperator(LinearOperator):
         light = arguments.real_array(x, "light")
         if light.dtype.kind in "iu":
             raise InputError(f"light as {light.dtype}, expected linear light in floating point; convert it first")
+        light = light.astype(np.float64, copy=False)  # compiled products take no float16 and no other byte order
         if light.ndim in (1, 2) and light.shape[0] == self.shape[1]:
             return super().dot(light)
         if light.shape != self.source:

@@ -17,7 +17,7 @@ from counterlight.errors import AbsentError, InputError
 from counterlight.gl import x11
 from counterlight.gl.x11 import Box
 
-WITHOUT_SCREEN = "use --output FILE to render without one, or start one with: xvfb-run -a COMMAND"
+WITHOUT_SCREEN = "start one, such as with: xvfb-run -a COMMAND; counterlight play --output FILE needs none"
 WITHOUT_XWAYLAND = (
     "this Wayland session has no X server; install one (apt-get install xwayland) and log in again, "
     "choose an X11 session at the login, or use --output FILE"

@@ -25,7 +25,7 @@ REAL = "lateral", "halo", "wander", "processing", "real"
 STUDY = table(
     "docs/accuracy.md",
     "counterlight study -o study",
-    25,
+    5,
     "method | dB below the best",
     ("ms a picture", "preparation, s"),
     files=("study/summary.md", "study/results.csv"),

@@ -106,6 +106,8 @@ def _shared_projectors(rooms: Sequence[SimulatedRoom]) -> Shapes:
 def _settings(options: argparse.Namespace, sensor: Sensor | None, response: Response, *, known: bool) -> CameraSettings:
     """Returns the camera settings; options override the `sensor` of the scene."""
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
+    if given.get("full_well") == 0:
+        given.setdefault("read_noise", 0.0)  # no noise at all, as the help says
     chosen = replace(sensor or Sensor(), **given)
     return CameraSettings(chosen, _bracket(options), response, options.seed, options.lag, known)
 

@@ -38,7 +38,8 @@ def direct_mapping(dual: Transport, composition: FloatArray, data_share: FloatAr
     most = lit_most(dual)
     asking = np.flatnonzero(most >= 0)
     light = composition[most[asking]]
-    inverse = np.divide(1.0, light, out=np.zeros(light.shape), where=light > FAINTEST * composition.max(axis=0, initial=0.0))
+    bright = light > FAINTEST * composition.max(axis=0, initial=0.0)
+    inverse = np.divide(1.0, light, out=np.zeros(light.shape), where=bright)
     inverse = inverse * data_share[asking]
     starts = np.searchsorted(asking, np.arange(dual.shape[0] + 1))
     return SparseRows(starts, most[asking].astype(np.int32), inverse, dual.shape[1])

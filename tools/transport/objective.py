@@ -30,7 +30,7 @@ from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import LEAST_TRUST, camera_pixels, seen, shares, trust
 
-FAINTEST = 1e-12  # share of the channel's largest d; projector pixels below it light nothing, and their step would overflow
+FAINTEST = 1e-12  # share of the channel's largest d; projector pixels below it light nothing: their step would overflow
 FINEST = 1e-6  # share of ½ Σ w b²; an error 60 dB below the target needs no finer certificate
 HARDLY_SEEN = 0.02  # share of the usual visibility; at this value, the prior is as strong as the camera's data
 FALL = 4  # the power by which the prior fades with visibility: 2e-7 of d for fully seen pixels

@@ -57,7 +57,8 @@ class Exposures:
 
     def __post_init__(self) -> None:
         if not self.times or not all(0 < time < float("inf") for time in self.times):
-            raise InputError(f"exposures {self.times}: expected one or more numbers above 0")
+            given = ",".join(f"{time:g}" for time in self.times)
+            raise InputError(f"--exposures {given}: expected one or more numbers above 0")
 
     @property
     def shortest(self) -> float:
