@@ -156,6 +156,7 @@ def test_maps_from_memory_are_those_of_the_command(room: cl.Room, tmp_path: Path
         ({"mask": np.full((12, 16), np.nan)}, "mask of float64 with many values"),
         ({"mask": np.zeros((12, 16), bool)}, "mask: no camera pixel counts"),
         ({"primaries": [np.ones((12, 16, 3)), np.ones(3)]}, r"shape \(2, 12, 16, 3\) and \(2, 3\), expected \(3, 12, "),
+        ({"primaries": np.zeros((3, 12, 16, 3))}, "primaries: no light under full red and green and blue; give all"),
         ({"primaries": np.ones((12, 16, 3))}, r"primaries of shape \(12, 16, 3\), expected \(3, 12, 16, 3\)"),
         ({"response": "gamma"}, "response"),
         ({"camera": (0, 192)}, "camera height=0: expected 1 to"),

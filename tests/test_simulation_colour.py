@@ -135,7 +135,7 @@ def test_verify_predicts_colours_if_it_knows_the_primaries(tmp_path: Path, colou
     y, x = np.mgrid[:14, :20] / 20
     codes = np.rint(255 * np.stack([0.4 + 0.4 * x, 0.8 - 0.6 * y, 0.5 + 0 * x], axis=2)).astype(np.uint8)
     write_png(tmp_path / "picture.png", codes)
-    camera = "--camera", f"simulated:{path}", "--bits", "16", "--full-well", "0", "--read-noise", "0"
+    camera = "--camera", f"simulated:{path}", "--bits", "16", "--full-well", "0"
     said = succeed("verify", tmp_path / "room", tmp_path / "picture.png", *camera, "--no-preflight", "--colour", colour)
     assert f"\ncolour: {colour}: " in said
     agrees = re.search(r"agrees with the prediction to ([\d.]+) dB", said)
