@@ -60,7 +60,7 @@ def test_both_monitors_of_a_desktop_are_listed(two_monitors: str) -> None:
 def test_no_screen_is_one_line_with_a_way_out(display: str, reason: str) -> None:
     error = seen_on(display)["error"]
     assert error.startswith(reason)
-    assert "use --output FILE" in error
+    assert "counterlight play --output FILE needs none" in error
     assert "xvfb-run" in error
     assert "\n" not in error
 

@@ -115,10 +115,12 @@ def choice(value: str, name: str, known: Iterable[str]) -> str:
 
 def words(values: Iterable[str], name: str) -> tuple[str, ...]:
     """Returns several names; TypeError for a single string, which would be split into letters."""
-    several = isinstance(values, Iterable) and not isinstance(values, str)
-    if not several or not all(isinstance(each, str) for each in values):
+    if isinstance(values, str) or not isinstance(values, Iterable):
         raise TypeError(f"{name}={shown(values)}: expected a list of names")
-    return tuple(values)
+    names = tuple(values)
+    if not all(isinstance(each, str) for each in names):
+        raise TypeError(f"{name}={shown(names)}: expected a list of names")
+    return names
 
 
 def path(value: str | PathLike[str], name: str) -> Path:

@@ -19,8 +19,8 @@ from counterlight.gl.x11 import Box
 
 WITHOUT_SCREEN = "start one, such as with: xvfb-run -a COMMAND; counterlight play --output FILE needs none"
 WITHOUT_XWAYLAND = (
-    "this Wayland session has no X server; install one (apt-get install xwayland) and log in again, "
-    "choose an X11 session at the login, or use --output FILE"
+    "this Wayland session has no X server; install one (apt-get install xwayland) and log in again, or choose an X11 "
+    "session at the login; counterlight play --output FILE needs none"
 )
 MANAGER = "_NET_SUPPORTING_WM_CHECK"
 USUAL_HZ = 60
