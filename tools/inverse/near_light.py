@@ -72,10 +72,10 @@ class InverseOptions:
             raise InputError(f"--inverse {self.inverse}: cuts nothing; leave {cuts[0]} out")
         if len(cuts) > 1:
             raise InputError(f"{cuts[1]}: {cuts[0]} finds its own; leave one of them out")
-        unused = {"--regularize": self.damping or 0.0, "--noise": self.noise}
-        if self.inverse == "none" and any(unused.values()):
-            option, value = next((option, value) for option, value in unused.items() if value)
-            raise InputError(f"{option} {value:g}: --inverse none inverts nothing; leave one of them out")
+        of_inverses = ("--regularize", self.damping), ("--noise", self.noise)
+        unused = [f"{option} {value:g}" for option, value in of_inverses if value]
+        if self.inverse == "none" and unused:
+            raise InputError(f"{unused[0]}: --inverse none inverts nothing; leave one of them out")
         if self.inverse == "thesis" and self.damping:
             raise InputError(
                 f"--regularize {self.damping:g}: --inverse thesis takes plain pseudo-inverses of clusters; leave it out"

@@ -113,8 +113,8 @@ class _Side:
         given : the reading that the caller named.
         other : the other device's reading.
 
-        A reading must also be smooth where a row of the swapped reading ends inside one of its own rows. Returns
-        infinity for too few lit pixels; if only those row ends are dark, `given` is judged without them.
+        The result is the larger of two medians: of vertical neighbours, and of horizontal neighbours between which a
+        row of the swapped reading ends. It is infinite for too few lit pairs; `given` may lack the second median.
         """
         places, pixels = self._places(other), np.arange(self._lit.size)
         distances = [self._median(places, pixels[: -shape[1]], pixels[shape[1] :])]
